@@ -186,7 +186,7 @@ def test_the_command_measures_two_methods_at_a_time_in_order(monkeypatch, capsys
 
 def test_wrong_options_are_named(capsys):
     for arguments, words in (
-        (("--methods", "Verlet"), "does not move a rigid body"),
+        (("--methods", "Verlet"), "does not support a rigid body"),
         (("--methods", "nobody"), "unknown method"),
         (("--methods", HAS, "--all"), "not allowed with"),
         (("--steps", "2"), "at least 8"),

@@ -129,7 +129,7 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["run", "P1", "--dt", "nan"], ["midlie: dt must be finite and not zero, got nan"]),
         (["run", "P1", "--dt", "1e-60", "--float32"], ["dt must be finite and not zero", "1e-60, in float32"]),
         (["run", "P1", "--dt", "1e300", "--float32"], ["dt must be finite and not zero", "got inf (from 1e+300"]),
-        (["run", "P1", "--dt", "1e-12"], ["1e-12 asks for 1.0e+13 steps", "give a larger --dt"]),
+        (["run", "P1", "--dt", "1e-12"], ["1e-12 gives 1.0e+13 steps", "give a larger --dt"]),
         (["run", "P1", "--dt", "small"], ["--dt", "must be a number, got 'small'", "write for example"]),
         (["run", "P1", "--steps", "-3"], ["--steps", "a whole number, at least 1", "write for example 1000 or 1e3"]),
         (["run", "P1", "--steps", "many"], ["--steps", "'many'", "write for example 1000", "see midlie run --help"]),
@@ -147,10 +147,10 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["run", "P1", "--plot", "no/such/folder/x.png"], ["cannot write no/such/folder/x.png", "no such folder"]),
         (["chart", "nowhere"], ["unknown scene 'nowhere'"]),
         (["chart", "--methods", "nobody"], ["unknown method 'nobody'"]),
-        (["chart", "--methods", "Verlet"], ["'Verlet' does not move a rigid body"]),
+        (["chart", "--methods", "Verlet"], ["'Verlet' does not support a rigid body"]),
         (["chart", "--out", "no/such/folder/x.png"], ["no such folder"]),
         (["chart", "--out", "x.svg"], ["must end in .png", "see midlie chart --help"]),
-        (["chart", "--levels", "40"], ["40 levels from 500 steps", "ask for fewer"]),
+        (["chart", "--levels", "40"], ["40 levels from 500 steps", "use fewer"]),
         (["chart", "--level", "no"], ["--levels", "a whole number", "see midlie chart --help"]),
         (["view", "run.npz", "--axis", "0,0,0"], ["--axis", "must be e1, e2 or e3, or a direction", "'0,0,0'"]),
         (["methods", "all"], ["unknown method 'all'", "see midlie methods --help"]),
@@ -280,7 +280,7 @@ def test_ladder_doubles_and_follows_the_figure_for_p1():
     assert convergence.ladder(scenes.scene("slow-top"), levels=2)[0] * 2 == scenes.scene("slow-top").steps
     with pytest.raises(ValueError, match="must be positive"):
         convergence.ladder(scenes.scene("P1"), coarsest=0)
-    with pytest.raises(ValueError, match="ask for fewer"):
+    with pytest.raises(ValueError, match="use fewer"):
         convergence.ladder(scenes.scene("P1"), coarsest=2**20, levels=12)
 
 

@@ -37,7 +37,7 @@ def test_the_command_measures_and_draws(tmp_path):
     ("arguments", "words"),
     [
         (["nowhere"], "unknown scene 'nowhere'"),
-        (["P1", "--methods", "Verlet"], "'Verlet' does not move a rigid body"),
+        (["P1", "--methods", "Verlet"], "'Verlet' does not support a rigid body"),
         (["asymmetric-top", "--methods", "SYMMETRIC[EA]"], "SYMMETRIC needs bodies with two equal moments"),
         (["pulsed-body"], "'pulsed-body' has no constant energy"),
         (["gravity-gradient"], "'gravity-gradient' has no constant energy"),

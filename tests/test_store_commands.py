@@ -121,7 +121,7 @@ def test_export_writes_time_and_attitude(run, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--euler", "ZZX"), "no neighbours the same"),
+        (("--euler", "ZZX"), "without equal neighbours"),
         (("--euler", "zyx"), "write for example ZYX"),
         (("--body", 3), "body must be from 0 to 2"),
         (("--out", "angles.txt"), "must end in .csv"),

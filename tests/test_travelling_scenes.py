@@ -248,7 +248,7 @@ def test_a_file_gives_back_the_axis(run):
     assert out.splitlines()[0] == "time,axis_x,axis_y,axis_z"
     code, _, err = midlie("export", file, "--euler", "ZYX")
     assert (code, err.count("\n")) == (2, 1)
-    assert "holds the axis of a body, and no angle about it" in err
+    assert "holds only the axis of a body, without an angle about it" in err
 
 
 @pytest.mark.sample(0)
@@ -302,8 +302,8 @@ def test_a_flight_has_its_path_on_the_chart():
         ),
         (["run", "boomerang", "--method", "AKW"], ["'AKW' moves RigidBody", "FreeBody"]),
         (["run", "thrown-brick", "--method", "SYMMETRIC[EA]"], ["needs bodies with two equal moments"]),
-        (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not move a Rotor"]),
-        (["stability", "boomerang"], ["a rigid body that only turns", "'boomerang' is a FreeBody"]),
+        (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not support a Rotor"]),
+        (["stability", "boomerang"], ["needs a rigid body without translation", "'boomerang' is a FreeBody"]),
         (["stability", "spherical-pendulum"], ["'spherical-pendulum' is a Rotor"]),
     ],
 )

@@ -1,4 +1,4 @@
-"""The force of a scene whose body travels: the blades of a boomerang in air."""
+"""The force of the boomerang scene: its blades in air."""
 
 from typing import Any
 
@@ -12,18 +12,18 @@ from ..model.wrench import Wrench
 
 
 class Blades(ReadsBody):
-    """Lift and drag of thin blades that turn about the third axis of the body, in air at rest, as means over a turn.
+    """Lift and drag of thin blades that rotate about the third body axis, in air at rest, averaged over a rotation.
 
-    A piece of a blade that moves at U along the plane and at W along the third axis n is lifted by
-    strength/radius * U (lift U - slope W) for each unit of length, along n, and held back by strength/radius * drag
-    U^2. U = spin r + v . (n x r^), where v is the velocity of the body and r^ points along the blade, so the blade
-    that advances is lifted more: the axis turns and the flight bends. There is no stall, and no wake.
+    A piece of a blade moves at U along the plane and at W along the third axis n. Per unit of length, its lift along n
+    is strength/radius * U (lift U - slope W), and its drag is strength/radius * drag U^2. U = spin r + v . (n x r^),
+    where v is the velocity of the body and r^ points along the blade. The advancing blade therefore has more lift: the
+    axis precesses and the path bends. Stall and wake are neglected.
 
     Attributes:
         strength: half the density of air times the chord, the number and the length of the blades, (), mass/length.
         radius: length of a blade, ().
         lift: coefficient of lift of a blade that moves in its plane, ().
-        slope: how fast this coefficient falls with W/U, (), 1/radian.
+        slope: decrease of this coefficient with W/U, (), 1/radian.
         drag: coefficient of drag, ().
     """
 
@@ -40,7 +40,7 @@ class Blades(ReadsBody):
     def at(self, t: Any, state: Any, body: Any) -> Wrench:
         del t
         a, turn = self.radius, body.velocity(state.momentum)
-        v = so3.rotate(so3.conjugate(state.attitude), state.linear / body.mass)  # all vectors are along the body's axes
+        v = so3.rotate(so3.conjugate(state.attitude), state.linear / body.mass)  # all vectors are along the body axes
         n = jnp.zeros_like(v).at[2].set(1)
         spin, along = turn[2], v[2]
         across, tilt = v - along * n, turn - spin * n  # the parts in the plane of the blades

@@ -19,7 +19,7 @@ from .line_styles import COOL, DASHED, RING, SOLID, WARM, Style, styles
 
 _GUIDE_SIZE = 8.5  # points
 # The methods of the paper have the same style in every chart. LIEMID[EA*] nearly coincides with LIEMID[EA], so its mark
-# is a ring around the other's.
+# is a ring around the other mark.
 _PAPER = {
     "LIEMID[E1]": Style(SKY, "v", SOLID, True),
     "LIEMID[E2]": Style(GREEN, "^", SOLID, True),
@@ -111,7 +111,7 @@ class _Panels:
         *,
         finest: str,
     ) -> None:
-        """Draws one panel; names of lines are written on the side `finest`, that of the smallest steps."""
+        """Draws one panel; names of lines are written on the side of the smallest steps, `finest`."""
         axes.set(xscale="log", yscale="log")
         panel(axes, title, x_label, y_label)
         ends = []
@@ -145,7 +145,7 @@ def _limits(axes: Any) -> None:
 
 
 def _guides(axes: Any, finest: str) -> None:
-    """Draws the slopes of orders 1 and 2 in the corner that the lines leave free."""
+    """Draws the slopes of orders 1 and 2 in the free corner."""
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
     length = min(0.15 * (x1 - x0), 0.14 * (y1 - y0))
     inset, sign, align = 0.12 * (x1 - x0), (1 if finest == "left" else -1), ("left" if finest == "left" else "right")

@@ -1,6 +1,6 @@
-"""Methods and scenes as users choose them: by name, as objects, or as MODULE:NAME, an object in their own module.
+"""Methods and scenes chosen by name, as objects, or as MODULE:NAME, an object in a user's module.
 
-A module is looked for in the current folder first, then wherever Python looks.
+A module is searched in the current folder first, then on Python's path.
 """
 
 import os
@@ -24,11 +24,11 @@ from .scenes import Scene
 
 
 def method(chosen: str | Method) -> Method:
-    """The method of this name, of this MODULE:NAME, or the method itself.
+    """The method with this name or MODULE:NAME, or the method itself.
 
     Raises:
-        ValueError: there is no such method, the module cannot be imported, or its method has the name of another method
-            of this package, with which files and tables would confuse it.
+        ValueError: there is no such method, the module cannot be imported, or its method has the name of a method of
+            this package, so files and tables could not distinguish them.
     """
     if not isinstance(chosen, str) or ":" not in chosen:
         return as_method(chosen)
@@ -38,7 +38,7 @@ def method(chosen: str | Method) -> Method:
     own: Method = _of_kind(chosen, found, Method, "method")
     if not _is_free(own):
         raise ValueError(
-            f"{chosen} is called {own.name!r}, and so is a method of midlie_jax; give the method another name."
+            f"{chosen} has the name of a method of midlie_jax, {own.name!r}; give the method another name."
         )
     return own
 
@@ -52,19 +52,19 @@ def _is_free(own: Method) -> bool:
 
 
 def origin(chosen: str) -> str:
-    """For a file: where a chosen method comes from, as MODULE:NAME or the name of this package."""
+    """Origin of a chosen method for a file: MODULE:NAME or the name of this package."""
     return chosen if ":" in chosen else "midlie_jax"
 
 
 def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
-    """The chosen methods, which must move rigid bodies; each is listed once.
+    """The chosen methods, which must support rigid bodies; each is listed once.
 
     Args:
         chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
-        body: the body that they must move, if it is no `RigidBody`.
+        body: the body that they must support, if not a `RigidBody`.
 
     Raises:
-        ValueError: one of them is not a method, does not move such bodies, or has the name of another method.
+        ValueError: one of them is not a method, does not support such bodies, or has the name of another method.
     """
     found: dict[str, Method] = {}
     for one in map(method, chosen):
@@ -73,21 +73,21 @@ def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
         else:
             moves, what = one.moves(body), type(body).__name__
         if not moves:
-            raise ValueError(f"method {one.name!r} does not move a {what}; choose from `midlie methods`.")
+            raise ValueError(f"method {one.name!r} does not support a {what}; choose from `midlie methods`.")
         if not bool(found.setdefault(one.name, one) == one):
             raise ValueError(
-                f"two different methods are called {one.name!r}, and charts and tables tell methods apart by name; "
-                "give the flight or the scheme of one of them another name."
+                f"two different methods are called {one.name!r}, and charts and tables use names; give "
+                "the flight or the scheme of one of them another name."
             )
     return list(found.values())
 
 
 def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
-    """The scene of this name, of this MODULE:NAME, or the scene itself.
+    """The scene with this name or MODULE:NAME, or the scene itself.
 
     Args:
         chosen: the scene.
-        dtype: the dtype that its arrays must have; by default any, and for a name as for `scenes.scene`.
+        dtype: the required dtype of its arrays; by default any, and for a name as for `scenes.scene`.
 
     Raises:
         ValueError: there is no such scene, it has another dtype, or the module cannot be imported.
@@ -98,7 +98,7 @@ def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
     found: Scene = _of_kind(name, given, Scene, "scene")
     own = found.start.momentum.dtype
     if dtype is not None and own != dtype:
-        raise ValueError(f"scene {found.name!r} is in {own}, and {jnp.dtype(dtype)} is needed; make its arrays so.")
+        raise ValueError(f"scene {found.name!r} must be in {jnp.dtype(dtype)}, got {own}; convert its arrays.")
     return found
 
 
@@ -113,7 +113,7 @@ def _with_article(text: str) -> str:
 
 
 def _own(text: str, kind: type, word: str) -> Any:
-    """The object that MODULE:NAME stands for; `kind` and `word` say what kind of object it must be."""
+    """The object MODULE:NAME; `kind` and `word` describe the required kind of object."""
     module, _, name = text.partition(":")
     if not (module and name):
         raise ValueError(f"{text!r} must be MODULE:NAME, as in my_module:my_{word}.")
@@ -133,25 +133,25 @@ def _as_module(file: str) -> str:
 
 
 def _imported(module: str, name: str) -> Any:
-    """The module; if it cannot be imported, a ValueError says in one line why, and where the error arose."""
+    """The module; if it cannot be imported, a ValueError gives the reason and the origin of the error in one line."""
     here = os.getcwd()
     if sys.path[:1] not in ([""], [here]):
-        sys.path.insert(0, here)  # an installed command does not look in the current folder by itself
+        sys.path.insert(0, here)  # an installed command does not search the current folder
     invalidate_caches()  # the file may be younger than Python's list of the folder
     try:
         return import_module(module)
-    except Exception as error:  # any mistake in the user's module
+    except Exception as error:  # any error in the user's module
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{module}.".startswith(f"{missing}."):
             near = get_close_matches(module, [file.stem for file in Path(here).glob("*.py")], n=1)
             hint = f" Did you mean '{near[0]}:{name}'?" if near else ""
-            text = f"there is no module {module!r} in this folder, nor where Python looks for modules.{hint}"
+            text = f"there is no module {module!r} in this folder or on Python's path.{hint}"
             raise ValueError(text) from error
         raise ValueError(f"importing {module} failed{_place(error)}: {type(error).__name__}: {error}") from error
 
 
 def _place(error: Exception) -> str:
-    """Where an error arose: the innermost line in the user's own files, those in the current folder."""
+    """The origin of an error: the innermost line in the user's own files, those in the current folder."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" in {Path(error.filename).name}, line {error.lineno}"
     files = [(Path(frame.filename).resolve(), frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]

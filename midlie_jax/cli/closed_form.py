@@ -1,7 +1,7 @@
-"""The exact end of a scene for which a closed form is known; and the renumbering of axes that this needs.
+"""The exact end of a scene with a known closed form; and the required renumbering of axes.
 
 The exact flight of a symmetric body and the closed form of Lagrange's top need the axis of symmetry as third axis. The
-formulas themselves are in `oracles`.
+formulas are in `oracles`.
 """
 
 from collections.abc import Iterable
@@ -29,14 +29,14 @@ class Numbering(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> "Numbering":
-        """The numbering that makes the body's axis of symmetry the third; the identity if there is no such axis."""
+        """The numbering that makes the axis of symmetry the third; the identity if there is no such axis."""
         axis = symmetry_axis(scene)
         k = 2 if axis is None else axis
         turn = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5), (1.0, 0.0, 0.0, 0.0))[k]
         return cls(((k + 1) % 3, (k + 2) % 3, k), turn)
 
     def apply(self, scene: Scene) -> Scene | None:
-        """The same scene with the new axes; None if this function cannot renumber torques of that class."""
+        """The same scene with the new axes; None if torques of this class cannot be renumbered."""
         if self.order == (0, 1, 2):
             return scene
         pick, torque = jnp.array(self.order), scene.torque
@@ -63,7 +63,7 @@ class Numbering(NamedTuple):
 def symmetry_axis(scene: Scene) -> int | None:
     """The index of the axis of symmetry, about which the other two moments are equal; None if there is none.
 
-    If there are several, it is the axis of the torque, or else the last.
+    If there are several, it is the axis of the torque, otherwise the last.
     """
     moments, torque = np.asarray(scene.body.moments), scene.torque
     torque_axis = torque.axis if isinstance(torque, torques.HeavyTop) else (0.0, 0.0, 0.0)

@@ -1,11 +1,10 @@
 """Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
 
 `measure` yields each row as soon as it is computed. `survey` also times every method again in further rounds over all
-methods: if the machine was slow for a while, this widens the spread of all times and does not distort the time of one
-method.
+methods. A temporary slowdown of the machine then widens the spread of all times instead of distorting one.
 
 The step and the number of steps are arguments of the compiled program, so one compilation serves the whole ladder of a
-method. Only the first steps of a run are timed, equally many on every rung.
+method. Only the first steps of a run are timed, the same number on every rung.
 """
 
 import math
@@ -33,23 +32,21 @@ LEVELS = 5  # rungs of the ladder by default
 _TIMINGS = 5  # timings of a rung in the first round
 _ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
 _AGAIN = 3  # timings of a rung in each further round: together more than in the first round
-_COARSEST = {
-    "P1": 500
-}  # steps on the first rung in the paper's figure; for other scenes twice the scene's step is used
-_ROMBERG = 4  # how many runs are extrapolated if no closed form is known
+_COARSEST = {"P1": 500}  # steps on the first rung in the paper's figure; other scenes use twice the step of the scene
+_ROMBERG = 4  # number of extrapolated runs if no closed form is known
 _REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
-_OF_HIGH_ORDER = "GBS12"  # the reference for bodies that travel, whose forces may read the velocity, and for axes
+_OF_HIGH_ORDER = "GBS12"  # the reference for translating bodies, whose forces may read the velocity, and for axes
 
 
 class Reference(NamedTuple):
     """The end of a scene against which errors are measured.
 
     Attributes:
-        momentum: body-frame angular momentum, (3,); of an axis, in space.
+        momentum: body-frame angular momentum, (3,); for an axis, in space.
         attitude: rotation matrix, body to space, (3, 3); or the axis, (3,).
-        source: how the reference was computed.
+        source: the method of computation.
         uncertainty: estimate of the error of momentum and attitude, relative to their norms.
-        position: of a body that travels, (3,).
+        position: of a translating body, (3,).
     """
 
     momentum: np.ndarray
@@ -70,12 +67,12 @@ class Row(NamedTuple):
         attitude_error: |R - R_reference| at the end, Frobenius norm.
         momentum_slope, attitude_slope: order of accuracy measured from the previous rung to this one; NaN on the first.
         evaluations: torque evaluations of the run; 0 without torque.
-        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; processor time of all
-            threads where the processor does the work (`timing.cost_clock`).
+        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; on a CPU, processor time
+            of all threads (`timing.cost_clock`).
         ok: whether every solve converged and every number is finite.
         failure: the error that stopped the method; "" if there was none.
         spread: half the distance between the quartiles of the timings, relative to the median.
-        position_error: |x - x_reference| at the end, of a body that travels.
+        position_error: |x - x_reference| at the end, for a translating body.
     """
 
     method: str
@@ -98,7 +95,8 @@ def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> l
 
     Args:
         scene: from `midlie_jax.cli.scenes.scene`.
-        coarsest: steps on the first rung; by default as in the paper's figure, or else for twice the scene's own step.
+        coarsest: steps on the first rung; by default as in the paper's figure, otherwise for twice the step of the
+            scene.
         levels: number of rungs.
 
     Raises:
@@ -109,9 +107,7 @@ def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> l
     if coarsest < 1 or levels < 1:
         raise ValueError(f"steps and levels must be positive, got {coarsest} and {levels}.")
     if math.log2(coarsest) + levels > 31:
-        raise ValueError(
-            f"{levels} levels from {coarsest} steps exceed the largest number of steps, 2^31; ask for fewer."
-        )
+        raise ValueError(f"{levels} levels from {coarsest} steps exceed the largest number of steps, 2^31; use fewer.")
     return [coarsest * 2**level for level in range(levels)]
 
 
@@ -201,7 +197,6 @@ class _Ladder:
         self.measured: list[Row] = []
 
     def rows(self) -> Iterator[Row]:
-        """A row for each rung, each as soon as it is computed."""
         failure = ""
         for steps in self.rungs:
             row = Row(self.method.name, self.scene.duration / steps, steps, failure=failure)
@@ -238,22 +233,19 @@ class _Ladder:
         )
 
     def _time(self, program: Program, row: Row, laps: int) -> None:
-        """Times the first steps of a run, as many as the coarsest rung has."""
+        """Times the first steps of a run, as many as on the coarsest rung."""
         for _ in range(laps):
             self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
 
     def time_again(self) -> None:
-        """Times each rung that did not fail in a further round."""
         for row in self.measured:
             if self.program is not None and not row.failure:
                 self._time(self.program, row, _AGAIN)
 
     def round_seconds(self) -> float:
-        """Estimated seconds of a further round."""
         return sum((_AGAIN * self.watches[row.steps].timing().seconds for row in self.measured if not row.failure), 0.0)
 
     def timed_rows(self) -> list[Row]:
-        """The rows of `rows`, with times from all rounds so far."""
         return [row if row.failure else self._timed(row) for row in self.measured]
 
     def _timed(self, row: Row) -> Row:
@@ -266,7 +258,6 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _pose(state: Any) -> np.ndarray:
-    """The rotation matrix of a state, or its axis."""
     return _matrix(np.asarray(state.attitude)) if hasattr(state, "attitude") else np.asarray(state.axis)
 
 
@@ -315,7 +306,7 @@ def _extrapolated(scene: Scene, finest: int) -> Reference:
 
 
 def _much_finer(scene: Scene, finest: int) -> Reference:
-    """The end by a method of high order with twice as many steps; with four times as many it is hardly different."""
+    """The end by a method of high order with twice as many steps; four times as many change it little."""
     program, ends = _program(find_method(_OF_HIGH_ORDER), scene, finest, copies=1), list[Any]()
     for steps in (2 * finest, 4 * finest):
         state, ok = _end(program, scene.duration / steps, steps)

@@ -1,4 +1,4 @@
-"""The scenes of bodies that act on each other; `scenes` gives them their names."""
+"""The scenes of coupled bodies; `scenes` gives them their names."""
 
 from typing import Any
 
@@ -35,7 +35,7 @@ def binary_asteroid(dtype: Any) -> Scene:
         [1.0, 0.0, 0.0, 0.0],
         [0.9952465414778341, 0.0870727897926938, 0.0434534024273578, 0.0038016801040236755],
     ]
-    share = masses[::-1] / masses.sum() * [-1, 1]  # of the way and of the velocity from the first to the second
+    share = masses[::-1] / masses.sum() * [-1, 1]  # shares of distance and velocity from first to second
     way, velocity = np.array([1200.0, 0.0, 0.0]), np.array([0.0, 0.175704287113523, 0.0])
     linear = (masses * share)[:, None] * velocity
     return Scene(

@@ -1,7 +1,7 @@
-"""What all charts share: the heading above the panels, the style of a panel, and a small PNG.
+"""Shared code of all charts: the heading above the panels, the style of a panel, and a small PNG.
 
-Colours and the empty figure are those of `midlie_jax.plot.style`. matplotlib is an optional dependency, so it is
-imported only when a chart is drawn.
+Colours and the empty figure come from `midlie_jax.plot.style`. matplotlib is an optional dependency, imported only when
+a chart is drawn.
 """
 
 import math
@@ -59,8 +59,8 @@ def write(figure: Any, path: str) -> None:
 
 
 def few_colours(png: bytes) -> bytes:
-    """The same picture with fewer colours, so that the file is about half as large."""
-    from PIL import Image, PngImagePlugin  # matplotlib needs it, too
+    """The same picture with fewer colours, in a file of about half the size."""
+    from PIL import Image, PngImagePlugin  # matplotlib also needs it
 
     picture = Image.open(BytesIO(png)).convert("RGB")
     few = picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
@@ -72,7 +72,6 @@ def few_colours(png: bytes) -> bytes:
 
 
 def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
-    """Sets a text in lines of at most `width` pixels."""
     lines: list[str] = []
     for word in text.split():
         longer = f"{lines[-1]} {word}" if lines else word

@@ -1,8 +1,8 @@
 """Colour, dash and mark of every line of a chart; no two lines have the same combination.
 
-The colours are those of Okabe and Ito (Color Universal Design, 2008) and a few dark colours that are as easy to
-distinguish from them in any colour vision (`tests/test_charts.py`): cool colours for our methods, warm colours for
-others. There are few colours, so lines of the same colour have different marks.
+The colours come from Okabe and Ito (Color Universal Design, 2008), with a few dark colours that are equally easy to
+distinguish in any colour vision (`tests/test_charts.py`). Cool colours are for the methods of this package, warm
+colours for others. There are few colours, so lines of the same colour have different marks.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,7 +24,7 @@ class Style(NamedTuple):
     colour: as in matplotlib.
     mark: matplotlib's marker, or `RING`.
     dash: matplotlib's line style.
-    ours: whether marks are filled, as for our methods, or hollow.
+    ours: whether marks are filled, for methods of this package, or hollow.
     """
 
     colour: str

@@ -1,6 +1,6 @@
-"""The `midlie` command: reads its line without JAX, which takes a second to import, and runs it.
+"""The `midlie` command: parses its line without JAX, which takes a second to import, and runs it.
 
-Every mistake of the user gives one line on stderr and exit code 2; only bugs give a traceback.
+Every user error gives one line on stderr and exit code 2; only bugs give a traceback.
 """
 # PYTHON_ARGCOMPLETE_OK
 
@@ -36,16 +36,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Args:
-        arguments: as on the command line, without the program's name; by default those of the process.
+        arguments: as on the command line, without the name of the program; by default the arguments of the process.
 
     Returns:
-        The exit code: 0; 2 after a mistake of the user, which is printed on stderr; 130 after ctrl-C.
+        The exit code: 0; 2 after a user error, which is printed on stderr; 130 after ctrl-C.
     """
     try:
         options = read(sys.argv[1:] if arguments is None else arguments)
     except ValueError as error:
         return _failed(str(error))
-    if getattr(options, "devices", None):  # JAX reads this variable when it starts; it affects the CPU alone
+    if getattr(options, "devices", None):  # JAX reads this variable when it starts; it affects only the CPU
         flags = os.environ.get("XLA_FLAGS", "")
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={options.devices}".strip()
     try:

@@ -1,10 +1,10 @@
 """The potential of the drift test of Bou-Rabee, Ortolan and Saccon, arXiv 1005.3078.
 
-    V = (d - 1)^2 - .3 / dm,    d = |R - 1|,    dm = |R - Rm|,    Rm = exp(2.5 (1, 0, 1) / sqrt(2))
+    V = (d - 1)^2 - 0.3 / dm, d = |R - 1|, dm = |R - Rm|, Rm = exp(2.5 (1, 0, 1) / sqrt(2))
 
-It has a ring of least energy about one attitude and a well at another; the norms are Frobenius's. A body that moves
-between them shows a drift of the energy where a method is reversible but not symplectic. The norm of R - 1 is that of
-the vector part of the attitude's quaternion, times the root of 8: written so, nothing cancels near R = 1.
+It has a ring of least energy about one attitude and a well at another; the norms are Frobenius norms. For a body that
+moves between them, the energy drifts if a method is reversible but not symplectic. The norm of R - 1 is the norm of the
+vector part of the attitude quaternion, times the root of 8; in this form nothing cancels near R = 1.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Reads a command line of `midlie`, or says what is wrong with it. Nothing in this module imports JAX."""
+"""Parses a command line of `midlie`, or reports its error. Nothing in this module imports JAX."""
 
 import argparse
 import os
@@ -24,7 +24,7 @@ class _ShowVersion(argparse.Action):
         try:
             print(f"midlie_jax {version('midlie_jax')}")
         except PackageNotFoundError:
-            parser.error("midlie_jax is not installed, so its version is not known; install it with pip")
+            parser.error("midlie_jax is not installed, so its version is unknown; install it with pip")
         parser.exit()
 
 
@@ -39,7 +39,7 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a line.
 
     Raises:
-        ValueError: the line is wrong; the message says what can stand there.
+        ValueError: the line is wrong; the message lists the allowed values.
     """
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:

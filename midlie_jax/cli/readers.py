@@ -1,4 +1,4 @@
-"""Readers of the values of options: numbers, axes, names of files. A wrong value is refused with an example."""
+"""Readers of option values: numbers, axes, names of files. A wrong value raises an error with an example."""
 
 import argparse
 import math
@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-OWN = "; MODULE:NAME is one of your own, of a module in this folder"  # ends the help of an option that takes a name
+OWN = "; MODULE:NAME is a custom one, from a module in this folder"  # ends the help of an option that takes a name
 MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
 def whole(least: int, most: int | float = math.inf) -> Callable[[str], int]:
-    """A reader of whole numbers, which may also be written as 1e3."""
+    """A reader of integers, which may also be written as 1e3."""
     span = f"at least {least}" + (f" and at most {most}" if math.isfinite(most) else "")
 
     def read(text: str) -> int:
@@ -30,7 +30,6 @@ def whole(least: int, most: int | float = math.inf) -> Callable[[str], int]:
 
 
 def _integer(text: str) -> int | None:
-    """The whole number that a text such as 1e3 stands for, or None."""
     try:
         number = float(text)
     except ValueError:
@@ -48,7 +47,7 @@ def number(text: str) -> float:
 def axis(text: str) -> Any:
     """An axis of the body: its name, or a direction as a unit vector.
 
-    A single number is refused as ambiguous: 1 could mean e1 or, as Python counts, e2.
+    A single number is rejected as ambiguous: 1 could mean e1 or, with Python's counting, e2.
     """
     if text in ("e1", "e2", "e3"):
         return text
@@ -71,20 +70,20 @@ def sequence(text: str) -> str:
     """The axes of Euler angles."""
     if len(text) != 3 or set(text) - set("XYZ") or text[1] in (text[0], text[2]):
         raise argparse.ArgumentTypeError(
-            f"must be three of the letters X, Y, Z, no neighbours the same, got {text!r}; write for example ZYX or ZXZ"
+            f"must be three of the letters X, Y, Z without equal neighbours, got {text!r}; write for example ZYX or ZXZ"
         )
     return text
 
 
 def file_or_store(text: str) -> str:
-    """The name of a file, checked at once, or of a store, which may exist already."""
+    """The name of a file, checked immediately, or of a store, which may exist already."""
     if Path(text).suffix.lower() == ".zarr":
         return text
     return file(".npz", ".csv", ".zarr")(text)
 
 
 def file(*endings: str) -> Callable[[str], str]:
-    """A reader of names of output files with these endings, which raises at once if a file cannot be written."""
+    """A reader of names of output files with these endings, which raises immediately if a file cannot be written."""
 
     def read(text: str) -> str:
         path = Path(text)

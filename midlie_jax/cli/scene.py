@@ -23,15 +23,16 @@ class Scene:
         title: description in one line.
         body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `Rotor`, or a `FreeBody`; or
             several coupled bodies.
-        torque: what acts on it, or None for a free body.
-        start: its state at time 0: a `RigidState`, an `AxisState`, one of those that travel, or a `CoupledState`.
+        torque: the torque on it, or None for a free body.
+        start: its state at time 0: a `RigidState`, an `AxisState`, a `FreeState`, a `FreeAxisState` or a
+            `CoupledState`.
         dt: a step small enough that a picture of the motion by LIEMID[EA] shows no error.
-        duration: duration of the motion, a whole number of steps.
-        source: where the numbers are from.
+        duration: duration of the motion, a multiple of the step.
+        source: the source of the numbers.
         units: the units of mass, length and time, and the space frame if it needs a definition.
-        axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the
-            tensor was given (see `RigidBody.from_tensor`); None where the body frame is the given frame.
-        method: the method that `midlie run` takes.
+        axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the tensor
+            was given (see `RigidBody.from_tensor`); None if the body frame is the given frame.
+        method: the method of `midlie run`.
     """
 
     name: str
@@ -66,7 +67,7 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
         count: number of copies.
         size: standard deviation of each component of the perturbation: for a momentum relative to its norm, for the
             attitude a rotation vector in the body frame, radian, for an axis one in space, and for a position relative
-            to the way on which the body turns by a radian. Coupled bodies are perturbed one by one.
+            to the distance travelled per radian of rotation. Coupled bodies are perturbed separately.
         seed: the same seed gives the same copies in any dtype, and the same first copies for a larger count.
 
     Returns:
@@ -91,17 +92,16 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
         others = start.made(
             others, start.linear[None] + push, start.position[None] + _way_of_a_radian(scene) * position
         )
-    # The start is prepended instead of perturbed by zero, so that the first state equals it bit for bit.
+    # The start is prepended instead of perturbed by zero, so the first state equals it bit for bit.
     return jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), start, others)
 
 
 def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
-    """The states of rotation, perturbed."""
     momentum = start.momentum[None] + _length(start.momentum)[None] * momentum_change
     turn = so3.exp(rotation)
     if isinstance(start, AxisState):
         axis = so3.rotate(turn, jnp.broadcast_to(start.axis, momentum.shape))
-        # A momentum without a component along the axis must stay so: it is that of a pendulum.
+        # A momentum without a component along the axis, as for a pendulum, must keep this property.
         spin = jnp.sum(start.momentum * start.axis)
         along = jnp.sum(momentum * axis, axis=-1, keepdims=True)
         kept = jnp.where(spin == 0, momentum - along * axis, momentum)
@@ -110,12 +110,13 @@ def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
 
 
 def _way_of_a_radian(scene: Scene) -> Array:
-    """How far the body travels, at its start, while it turns by a radian; 0 if it does not turn. Of several: a mean."""
+    """The distance that the body travels at the start per radian of rotation; 0 without rotation; for several bodies a
+    mean.
+    """
     velocity = scene.start.linear / scene.body.mass[..., None]
     speed, rate = (jnp.sqrt(jnp.sum(v**2)) for v in (velocity, scene.body.velocity(scene.start.momentum)))
     return jnp.where(rate > 0, speed / jnp.where(rate > 0, rate, 1), 0)
 
 
 def _length(vector: Array) -> Array:
-    """The lengths of vectors (..., 3), (..., 1)."""
     return jnp.sqrt(jnp.sum(vector**2, axis=-1, keepdims=True))

@@ -1,7 +1,7 @@
 """Scenes: named test problems, each with a body, a torque, a start and a duration.
 
-They are the published cases against which the package is checked, and a few others that make good pictures. Each scene
-is built in the requested dtype when it is needed, not on import.
+They are the published test cases of the package, and a few others for pictures. Each scene is built in the requested
+dtype when needed, not on import.
 """
 
 from collections.abc import Callable
@@ -90,7 +90,7 @@ def scene(name: str, dtype: Any = None) -> Scene:
     widest = jnp.result_type(float)
     dtype = jnp.dtype(widest if dtype is None else dtype)
     if not jnp.issubdtype(dtype, jnp.floating):
-        raise ValueError(f"dtype must be floating point, got {dtype}; take float32 or float64.")
+        raise ValueError(f"dtype must be floating point, got {dtype}; use float32 or float64.")
     if dtype.itemsize > widest.itemsize:
         raise ValueError(f"dtype {dtype} is off; turn it on with jax.config.update('jax_enable_x64', True).")
     return replace(_SCENES[name](dtype), name=name)

@@ -1,7 +1,7 @@
-"""Where a method fails on a scene: the worst energy error over a grid of steps and of spins, shapes or field strengths.
+"""Maps of failure of a method on a scene: the worst energy error over steps and over spins, shapes or field strengths.
 
 A `Sweep` varies one property of a scene. `measure` runs a method on all sweeps, each point with its own step, as one
-batch in one compiled program. `lines` gives the limits by theory, to be drawn on the map.
+batch in one compiled program. `lines` gives the theoretical limits for the map.
 """
 
 from collections.abc import Sequence
@@ -31,12 +31,12 @@ from .scenes import Scene
 
 METHODS = (DEFAULT, "JACOBI[SRKN6b]", "LIEMID[EA]", "LIEMID[I]", "AKW", "NMB", "DMV[EA]", "GBS12")
 STEPS = 10_000
-BLOWN_UP = 1.0  # an energy error as large as the energy
+BLOWN_UP = 1.0  # an energy error of the size of the energy
 _SPAN = 50  # steps whose states are in memory at once
 _STEPS_RANGE = (0.03, 6.0)  # the smallest and the largest step, times the fastest rate of the scene
 _RATES_RANGE = (0.1, 10.0)  # spins and frequencies of the field, over the fastest rate of the scene
-_FLATTEST = 0.98  # the end of a sweep of shapes, as a share of the way from a ball to the thinnest body
-_ORDERS = (1, 2, 3)  # k of the step resonances that are drawn
+_FLATTEST = 0.98  # the end of a sweep of shapes, as a fraction of the path from a ball to the thinnest body
+_ORDERS = (1, 2, 3)  # k of the drawn step resonances
 
 
 class Scaled(Torque):
@@ -69,8 +69,8 @@ class Sweep(NamedTuple):
         values: the values of the property, (n,), ascending.
         own: the value of the scene itself.
         logarithmic: whether the axis is.
-        moments, momenta: those of the bodies, (n, 3).
-        factors: the factors by which the torque is multiplied, (n,).
+        moments, momenta: of the bodies, (n, 3).
+        factors: the factors of the torque, (n,).
     """
 
     name: str
@@ -84,7 +84,7 @@ class Sweep(NamedTuple):
 
 
 class Map(NamedTuple):
-    """What a method did on one sweep; each array has a row for each value and a column for each step.
+    """The result of a method on one sweep; each array has a row for each value and a column for each step.
 
     Attributes:
         method: its name.
@@ -100,19 +100,19 @@ class Map(NamedTuple):
 
 
 def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
-    """The steps, (count,), and the sweeps that the scene allows: spin, anisotropy, and stiffness of the field.
+    """The steps, (count,), and the sweeps supported by the scene: spin, anisotropy, and stiffness of the field.
 
-    The anisotropy a takes the moments from those of a ball with the same sum, at 0, through the scene's own, at 1,
-    towards those of the thinnest real body on the same line: a rod or a disc. Spins keep their axis, and bodies of
-    another shape their angular velocity.
+    The anisotropy interpolates the moments linearly. It is 0 for a ball with the same sum and 1 for the scene, and ends
+    at the thinnest real body on this line, a rod or a disc. Spins keep their axis, and bodies of another shape their
+    angular velocity.
 
     Raises:
         ValueError: the energy of the scene is not constant or not defined, or the body neither spins nor is in a field.
     """
     if not isinstance(scene.body, RigidBody):
         raise ValueError(
-            f"a stability map varies spin and shape of a rigid body that only turns, and the body of scene "
-            f"{scene.name!r} is a {type(scene.body).__name__}; take another scene."
+            "a stability map needs a rigid body without translation, but the body of scene "
+            f"{scene.name!r} is a {type(scene.body).__name__}; choose another scene."
         )
     _check_energy(scene)
     moments, momentum = (np.asarray(x, np.float64) for x in (scene.body.moments, scene.start.momentum))
@@ -120,7 +120,7 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
     speed, field = float(np.linalg.norm(velocity)), _field_rate(scene)
     fastest = max(speed, field)
     if fastest == 0:
-        raise ValueError(f"the body of scene {scene.name!r} is at rest and has no field; take another scene.")
+        raise ValueError(f"the body of scene {scene.name!r} is at rest and has no field; choose another scene.")
     steps = np.geomspace(*_STEPS_RANGE, count) / fastest
     alike, ones = np.tile(moments, (count, 1)), np.ones(count)
     found: list[Sweep] = []
@@ -156,11 +156,12 @@ def _check_energy(scene: Scene) -> None:
         energy(scene.body, scene.torque, scene.start)
     except ValueError as error:
         reason = str(error).split(";")[0].split(":")[0]
-        raise ValueError(f"scene {scene.name!r} has no constant energy to measure ({reason}); take another.") from error
+        raise ValueError(
+            f"scene {scene.name!r} has no constant energy to measure ({reason}); choose another."
+        ) from error
 
 
 def _field_rate(scene: Scene) -> float:
-    """The largest rate of the torque, linearised at the start."""
     facts = jax.jit(partial(Facts.of, find_method(DEFAULT), scene.body, scene.torque))(
         scene.start, jnp.zeros((), scene.start.momentum.dtype)
     )
@@ -173,13 +174,13 @@ def measure(
     """The maps of a method, one for each sweep: `number` steps of each length for each value, as one batch.
 
     Args:
-        method: a name, or a method, also one made outside the package.
+        method: a name, or a method, which may be a custom one.
         scene: the scene that was varied.
         steps, varied: from `sweeps`.
         number: steps of each run.
 
     Raises:
-        ValueError: the method does not move rigid bodies, or not those of the scene.
+        ValueError: the method does not support rigid bodies, or not the bodies of the scene.
     """
     (method,) = chosen.methods([method])
     rows = [
@@ -255,7 +256,7 @@ def _run(
 
 
 class Line(NamedTuple):
-    """A limit by theory: the step at each value of a sweep; NaN where there is none.
+    """A theoretical limit: the step at each value of a sweep; NaN if there is none.
 
     Attributes:
         kind: "reach", "stability" or "resonance".

@@ -1,4 +1,4 @@
-"""The picture of stability maps: a column for each method, a row for each sweep, with the limits of theory on top."""
+"""The picture of stability maps: a column for each method, a row for each sweep, with the theoretical limits on top."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ _WIDTH, _HEIGHT = 2.0, 2.25  # the size of a panel with its share of the margins
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
 _FAILED = "#d9d9d9"
-# Those of Okabe and Ito's colours that are visible on all colours of the map.
+# The colours of Okabe and Ito that are visible on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
     "reach": {"color": "#E69F00", "linestyle": "-", "linewidth": 2.2},
     "stability": {"color": "#D55E00", "linestyle": (0, (4, 1.5)), "linewidth": 2.2},
@@ -39,11 +39,11 @@ def stability_figure(
 
     Args:
         maps: for each method a map of each sweep.
-        lines: the limits of theory by (method, sweep).
+        lines: the theoretical limits by (method, sweep).
         steps: (n,).
         sweeps: from `stability.sweeps`.
         title: the scene.
-        note: how the maps were made.
+        note: a description of the runs.
         time_unit: the unit of the steps.
 
     Raises:
@@ -117,7 +117,7 @@ def _boundary(axes: Any, line: Line, sweep: Sweep) -> Any:
 
 
 def _legend(figure: Any, image: Any, drawn: Mapping[str, Any], width: float, height: float) -> None:
-    """The scale of colours, and what hatching, black and lines mean, below the panels."""
+    """The scale of colours, and the meaning of hatching, black and lines, below the panels."""
     from matplotlib.patches import Patch
 
     bar = figure.colorbar(

@@ -1,4 +1,4 @@
-"""What momenta a run of a body that travels should conserve, and how far they and its place are from that."""
+"""The conserved momenta of a run of a translating body, and the errors of momenta and position."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ _CHANGED = "not conserved: forces change it"
 
 
 def angular_change(torque: Any, states: TravellingState) -> Change:
-    """The change of the angular momentum that is conserved, or else of that about the centre of mass.
+    """The change of the conserved angular momentum, otherwise of the angular momentum about the centre of mass.
 
-    Weight alone turns nothing, so the momentum about the centre of mass is conserved. In the field of a planet it is
-    the one about the planet, or its component along the pole.
+    Weight alone exerts no torque, so the momentum about the centre of mass is conserved. In the field of a planet, the
+    conserved momentum is about the planet, or its component along the pole.
     """
     terms, name = _terms(torque), "spatial momentum"
-    # Compiled, because the states of a failed run are not to be checked.
+    # Compiled, because the states of a failed run must not be checked.
     about_centre = np.asarray(jax.jit(lambda s: s.turning.spatial_momentum())(states), np.float64)
     if all(isinstance(term, UniformGravity) or not getattr(term, "gradient", True) for term in terms):
         return Change(_relative(about_centre), name, "|π - π₀| / |π₀|", "all of it, about the centre of mass")
@@ -52,7 +52,7 @@ def linear_change(torque: Any, states: TravellingState) -> Change:
 
 
 def place_change(mass: Any, torque: Any, times: np.ndarray, states: TravellingState) -> Change | None:
-    """The distance from the parabola over the way along its axes; None if the path has no closed form."""
+    """The distance from the parabola divided by the path length along its axes; None if the path has no closed form."""
     terms = _terms(torque)
     if not all(isinstance(term, UniformGravity) for term in terms):
         return None
@@ -83,5 +83,4 @@ def _relative(vectors: np.ndarray, scale: np.ndarray | None = None) -> np.ndarra
 
 
 def in_words(vector: Any) -> str:
-    """A vector for the report."""
     return ", ".join(f"{x:.6g}" for x in np.asarray(jnp.ravel(vector), np.float64))

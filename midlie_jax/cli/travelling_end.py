@@ -1,4 +1,4 @@
-"""The exact end of a scene whose body travels under its weight alone, or is an axis in a uniform field."""
+"""The exact end of a scene with a body in free fall, or with an axis in a uniform field."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class End(NamedTuple):
 
     Attributes:
         state: momentum and pose of the rotation.
-        position: of a body that travels, (3,).
+        position: of a translating body, (3,).
         source: the name of the closed form.
     """
 
@@ -30,14 +30,14 @@ class End(NamedTuple):
 
 
 def travelling_end(scene: Scene) -> End | None:
-    """The end in closed form, or None if none is known.
+    """The end in closed form, or None if unknown.
 
     Raises:
         ImportError: mpmath is missing.
     """
     body, torque, start = scene.body, scene.torque, scene.start
     if isinstance(body, Rotor) and isinstance(start, AxisState) and (torque is None or isinstance(torque, HeavyTop)):
-        # Its axis and its momentum in space are those of a body that is alike in all directions.
+        # Its axis and spatial momentum equal those of a body with three equal moments.
         ends = _ends(replace(scene, body=RigidBody(jnp.stack([body.moment] * 3))), start.with_attitude())
         if ends is None:
             return None

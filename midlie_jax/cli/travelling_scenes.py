@@ -1,4 +1,4 @@
-"""The scenes whose bodies travel, and the one of a body that is only an axis; `scenes` gives them their names."""
+"""The scenes of translating bodies, and the scene of a body without attitude; `scenes` gives them their names."""
 
 from typing import Any
 
@@ -59,14 +59,17 @@ def dropped_brick(dtype: Any) -> Scene:
         body=_body(moments, mass, dtype),
         torque=earth,
         start=_start(
-            moments * np.deg2rad([10.0, 20.0, 30.0]), [1.0, 0.0, 0.0, 0.0],
-            [0.0, mass * _TURN_OF_EARTH * height, 0.0], [0.0, 0.0, -height], dtype,
+            moments * np.deg2rad([10.0, 20.0, 30.0]),
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, mass * _TURN_OF_EARTH * height, 0.0],
+            [0.0, 0.0, -height],
+            dtype,
         ),
         dt=0.05,
         duration=30.0,
         source="NASA NESC six-degree-of-freedom check-case 2, as carried by nasa/simupy-flight; J2 of WGS-84",
         units="slug, ft, s; space is North-East-Down over the equator at time 0, from the Earth's centre, not turning",
-    )  # fmt: skip
+    )  # The axis points to the left of the throw, along y, and leans upwards.
 
 
 def boomerang(dtype: Any) -> Scene:

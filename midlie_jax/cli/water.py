@@ -45,7 +45,7 @@ WATER = _water()
 
 
 class Waters(Torque):
-    """The electrostatic and Lennard-Jones forces of a few waters on each other, by automatic differentiation."""
+    """The electrostatic and Lennard-Jones forces between a few waters, by automatic differentiation."""
 
     def __call__(self, t: Time, state: Any) -> Any:
         return FromPotential(self.potential)(t, state)

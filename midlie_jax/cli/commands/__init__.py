@@ -1,4 +1,4 @@
-"""The commands of `midlie`: `main` reads the line and calls `act`. No other module imports this."""
+"""The commands of `midlie`: `main` parses the line and calls `act`. No other module imports this."""
 
 import argparse
 
@@ -58,5 +58,5 @@ def act(options: argparse.Namespace) -> None:
         ImportError: a package is missing.
         OSError: a file could not be written.
     """
-    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including those of scenes
+    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including the arrays of scenes
     _ACTIONS[options.command](options)

@@ -15,7 +15,7 @@ from .. import charts, chosen, convergence
 from ..scenes import Scene
 from .output import progress_bar, require, show_table
 
-_OF_OTHER_BODIES = (  # what is measured on bodies that travel and on axes, as far as it moves them
+_OF_OTHER_BODIES = (  # methods measured on translating bodies and on axes, if they support them
     *("JACOBI[EA]", "SYMMETRIC[EA]", "JACOBI[SRKN6b]", "SYMMETRIC[SRKN6b]", "LIEMID[EA]", "GBS12", "RK4"),
 )
 _HEADS = (
@@ -35,8 +35,8 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
     scene = chosen.scene(options.scene)
     if scene.start.several:
         raise ValueError(
-            f"scene {scene.name!r} has {scene.start.count} coupled bodies, and a chart measures the errors of one; see "
-            f"midlie run {scene.name} --plot run.png, and benchmarks/binaries.py of the repository."
+            f"scene {scene.name!r} has {scene.start.count} coupled bodies, and a chart measures one; "
+            f"use midlie run {scene.name} --plot run.png."
         )
     methods = chosen.methods(options.methods or (), scene.body) or _usual(scene.body)
     names = [method.name for method in methods]
@@ -85,23 +85,23 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
 
 
 def _usual(body: Any) -> list[Method]:
-    """The methods of the paper and its later rivals; for a body that travels or is an axis, a few that can move it."""
+    """The methods of the paper and later alternatives; for a translating body or an axis, a few that support it."""
     if isinstance(body, RigidBody):
         return methods_of_figure_1()
     found = list[Method]()
     for method in (entry.method for entry in ENTRIES.values() if entry.method.name in _OF_OTHER_BODIES):
-        with suppress(ValueError):  # SYMMETRIC refuses moments that are all different
+        with suppress(ValueError):  # SYMMETRIC rejects moments that are all different
             found += [method.fitted(body)] if method.moves(body) else []
     return found
 
 
 def _not_figure_1(scene: Scene) -> str:
-    """A line where this is not the figure of the paper; "" otherwise."""
+    """A line if this is not the figure of the paper; "" otherwise."""
     if isinstance(scene.body, RigidBody):
         return ""
     what = "the axis" if isinstance(scene.start, AxisState) else "the attitude"
     body = type(scene.body).__name__
-    return f"Not the paper's Figure 1, which is of rigid bodies that only turn: this is a {body}. R is {what}."
+    return f"Not the paper's Figure 1, which is for rigid bodies without translation: this is a {body}. R is {what}."
 
 
 def _in_current_folder(name: str) -> str:

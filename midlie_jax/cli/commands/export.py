@@ -1,6 +1,6 @@
 """`midlie export RUN`: the attitudes of one body of a saved run, as quaternions or as Euler angles, in CSV or AEM.
 
-A body that travels has its position beside them, and a body that is only an axis has the axis instead.
+For a translating body the position follows; for a body without attitude, the axis is written instead.
 """
 
 import argparse
@@ -25,7 +25,7 @@ _OF_MESSAGE = (*_NEEDED, "center_name", "spin", "aem_version")
 
 
 def export(options: argparse.Namespace) -> None:
-    """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
+    """Writes a line for each valid time of the body; the header names each column and its unit."""
     if options.format == "aem":
         _message(options)
         return
@@ -33,13 +33,13 @@ def export(options: argparse.Namespace) -> None:
         if getattr(options, name):
             raise ValueError(f"{_option(name)} needs --format aem.")
     if options.out and not options.out.lower().endswith(".csv"):
-        raise ValueError(f"--out {options.out} is no .csv; for an Attitude Ephemeris Message give --format aem.")
+        raise ValueError(f"--out {options.out} is not a .csv; for an Attitude Ephemeris Message give --format aem.")
     saved = saved_path(options.run, options.body)
     path, states = saved.path, saved.path.states
     if states.several:
         raise ValueError(
-            f"{options.run} holds {states.count} coupled bodies, and export writes one; write all of them by "
-            "midlie run --out run.csv."
+            f"{options.run} holds {states.count} coupled bodies, but export writes one; use midlie "
+            "run --out run.csv for all."
         )
     what = "attitude" if hasattr(states, "attitude") else "axis"
     poses = np.asarray(getattr(states, what))
@@ -50,7 +50,9 @@ def export(options: argparse.Namespace) -> None:
     heads, values, remark = columns(states)[what], poses[:count], ""
     if options.euler:
         if what == "axis":
-            raise ValueError(f"{options.run} holds the axis of a body, and no angle about it; leave --euler out.")
+            raise ValueError(
+                f"{options.run} holds only the axis of a body, without an angle about it; leave out --euler."
+            )
         angles, locked = euler_angles(matrices_of(values), options.euler)
         unit = "rad" if options.radians else "deg"
         heads = tuple(f"euler_{i + 1}_{axis} [{unit}]" for i, axis in enumerate(options.euler))
@@ -71,16 +73,16 @@ def export(options: argparse.Namespace) -> None:
 
 
 def _message(options: argparse.Namespace) -> None:
-    """Writes an Attitude Ephemeris Message of the states that can be trusted."""
+    """Writes an Attitude Ephemeris Message of the valid states."""
     lacking = [_option(name) for name in _NEEDED if not getattr(options, name)]
     if lacking:
-        raise ValueError(f"--format aem needs {', '.join(lacking)}: the file must say it, and the run does not.")
+        raise ValueError(f"--format aem needs {', '.join(lacking)}, which the run does not contain.")
     if options.csv or options.radians:
-        raise ValueError(f"--format aem is no CSV, and in degrees; leave --{'csv' if options.csv else 'radians'} out.")
+        raise ValueError(f"--format aem is not CSV, and in degrees; leave out --{'csv' if options.csv else 'radians'}.")
     if not options.out or not options.out.lower().endswith(".aem"):
         raise ValueError("--format aem needs --out with a name that ends in .aem, such as run.aem.")
     if options.spin and options.euler:
-        raise ValueError("--spin and --euler are two forms of the same attitudes; leave one out.")
+        raise ValueError("--spin and --euler are two forms of the same attitudes; leave out one of them.")
     saved = saved_path(options.run, options.body)
     path = saved.path
     count = int(path.first_bad)

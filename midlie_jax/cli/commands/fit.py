@@ -17,24 +17,24 @@ from .fit_flight import check_flight
 from .fit_guess import ORDERS, Guess, guess, turned_back
 from .output import require
 
-_TURN = 0.5  # the most radians per step
-_MOST_TURNS = 0.5  # turns between two rows; with more, the rates at the rows do not determine the motion between
+_TURN = 0.5  # largest rotation per step, radians
+_MOST_TURNS = 0.5  # rotations between two rows; above, the rates at the rows do not determine the motion between them
 _MOST_STEPS = 1_000_000  # about one second for each evaluation by the optimiser
-_FIRST = 6.0  # radians by which the body turns in the span that is fitted first
-_BEFORE = 1.0  # the most radians by which the body may turn before the gyroscope's first row
+_FIRST = 6.0  # rotation of the body in the span that is fitted first, radians
+_BEFORE = 1.0  # the largest rotation of the body before the first row of the gyroscope, radians
 _UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
 
 
 class Problem(NamedTuple):
-    """What is fitted.
+    """The data and options of a fit.
 
     Attributes:
         measurements: rates and, if there is a magnetometer, directions.
         options: the options for `midlie_jax.fit`.
         bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
-        clock: whether the clock of the magnetometer is found, too.
-        table, field: what was read.
-        begin: the first time of all: that of the start.
+        clock: whether the clock of the magnetometer is also found.
+        table, field: the data of the files.
+        begin: the first time of all, the time of the start.
     """
 
     measurements: list[Any]
@@ -51,7 +51,7 @@ def fit(options: argparse.Namespace) -> None:
     """Fits the data, prints the estimates, and writes a chart if requested.
 
     Raises:
-        ValueError: the file or an option is wrong, or the fit is not ok; the message says why.
+        ValueError: the file or an option is wrong, or the fit is not ok; the message gives the reason.
     """
     if options.out:
         require("matplotlib")
@@ -66,7 +66,6 @@ def fit(options: argparse.Namespace) -> None:
 
 
 def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
-    """What may help if the residuals are not noise."""
     if result.ok and result.doubts == [result.aliases]:
         return []
     bias = [] if options.bias else ["try --bias"]
@@ -75,7 +74,6 @@ def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
 
 
 def _whole(options: argparse.Namespace) -> bool:
-    """Whether all rows of the file are used."""
     return options.first is None and options.last is None
 
 
@@ -84,11 +82,8 @@ _NEEDS_FILE = ("magnetometer_time", "magnetometer_time_unit", "magnetometer_cloc
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    """Raises unless everything is said about a magnetometer, or nothing."""
     if options.magnetometer and not (options.sigma and options.magnetometer_sigma):
-        raise ValueError(
-            "with --magnetometer, give --sigma and --magnetometer-sigma: they weigh one against the other."
-        )
+        raise ValueError("with --magnetometer, give --sigma and --magnetometer-sigma, their relative weights.")
     for name in _NEEDS_FIELD:
         if getattr(options, name) and not options.magnetometer:
             raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer with the names of its columns.")
@@ -99,13 +94,11 @@ def _check_options(options: argparse.Namespace) -> None:
         raise ValueError("--magnetometer-data needs --magnetometer-time, the name of its column of time.")
     if options.magnetometer_data and not options.magnetometer_clock:
         raise ValueError(
-            "--magnetometer-data needs --magnetometer-clock: same, if the times in both files are of one clock, or "
-            "fitted."
+            "--magnetometer-data needs --magnetometer-clock: `same` if both files use one clock, or `fitted`."
         )
 
 
 def _problem(options: argparse.Namespace) -> Problem:
-    """Reads the files and refuses data that cannot be fitted, before anything is compiled."""
     _check_options(options)
     own = options.magnetometer_data
     among = None if own else options.magnetometer
@@ -133,7 +126,7 @@ def _problem(options: argparse.Namespace) -> Problem:
         last = max(last, field.times[-1] - begin)
     speeds = np.linalg.norm(table.rates, axis=1)
     if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
-        raise ValueError("the data need two times and a body that turns; check the columns.")
+        raise ValueError("the data need two times and a body that rotates; check the columns.")
     dt = _step(table, last, speeds, bool(options.moments))
     given = {
         "dt": dt,
@@ -146,7 +139,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _within(options: argparse.Namespace, field: Field) -> Field:
-    """The rows of the magnetometer's own file between --from and --to, which are in the unit of DATA.csv."""
+    """The rows of the magnetometer file between --from and --to, which are in the unit of DATA.csv."""
     unit = UNITS_OF_TIME[options.time_unit or "s"]
     kept = np.ones(len(field.times), bool)
     if options.first is not None:
@@ -159,7 +152,7 @@ def _within(options: argparse.Namespace, field: Field) -> Field:
 
 
 def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
-    """Raises unless the magnetometer measured while the gyroscope did, and began at most a radian before."""
+    """Raises unless the records of magnetometer and gyroscope overlap, and the former began at most a radian before."""
     units = "check the units of time (--time-unit, --magnetometer-time-unit) and that both count from the same moment"
     if field.times[0] > table.times[-1] or field.times[-1] < table.times[0]:
         raise ValueError(
@@ -170,13 +163,14 @@ def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> N
     if before > _BEFORE:
         first = field.lines[np.searchsorted(field.times, table.times[0])]
         raise ValueError(
-            f"{options.magnetometer_data} begins {table.times[0] - field.times[0]:g} s before {options.data}, in which "
-            f"the body turns by {before:.3g} radians; leave out the rows before line {first}, or {units}."
+            f"{options.magnetometer_data} begins {table.times[0] - field.times[0]:g} s before "
+            f"{options.data}, in which the body rotates by {before:.3g} radians; remove the rows "
+            f"before line {first}, or {units}."
         )
 
 
 def _step(table: Table, last: float, speeds: np.ndarray, guessed: bool) -> float:
-    """The step. If the rows are evenly spaced, they lie on the grid of the step, which compiles and runs faster."""
+    """The step. Evenly spaced rows lie on the grid of the step, which compiles and runs faster."""
     times = table.times - table.times[0]
     fastest, gaps = float(np.nanmax(speeds)), np.diff(times)
     spacing = float(np.median(gaps[gaps > 0]))
@@ -184,8 +178,8 @@ def _step(table: Table, last: float, speeds: np.ndarray, guessed: bool) -> float
     units = "check the unit of time (--time-unit) and of the rates (--unit)"
     if turns > _MOST_TURNS and not guessed:
         raise ValueError(
-            f"the body turns {turns:.3g} times between rows; {units}. If the rows are so far apart, give a guess that "
-            "is near by --moments."
+            f"the body rotates {turns:.3g} times between rows; {units}. For such sparse rows, give a "
+            "close guess by --moments."
         )
     counts = np.rint(gaps / spacing)
     length = float(times[-1] / max(counts.sum(), 1))
@@ -195,9 +189,9 @@ def _step(table: Table, last: float, speeds: np.ndarray, guessed: bool) -> float
     if last / dt > _MOST_STEPS:
         line = table.lines[int(np.nanargmax(speeds))]
         raise ValueError(
-            f"the run would take {last / dt:.2g} steps, more than {_MOST_STEPS:g}: the body turns "
-            f"{fastest * last / (2 * np.pi):.2g} times in all, by the rate in line {line}; {units}, or fit a "
-            "part of the file."
+            f"the run would take {last / dt:.2g} steps, more than {_MOST_STEPS:g}: the body rotates "
+            f"{fastest * last / (2 * np.pi):.2g} times in all, by the rate in line {line}; {units}, "
+            "or fit a part of the file."
         )
     return float(dt)
 
@@ -209,7 +203,7 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
 
 
 def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
-    """The best fit from the given moments or a guess by the rates; if doubtful, also from all six sortings."""
+    """The best fit from the given moments or a guess by the rates; if doubtful, also from all six permutations."""
     table = problem.table
     near = guess(table.times - table.times[0], table.rates, problem.bias)
     first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
@@ -229,7 +223,7 @@ def _from(problem: Problem, near: Guess) -> Fit:
     if field is not None:
         whole = np.all(np.isfinite(field.vectors), axis=1)
         complete = field.vectors[whole]
-        # In the body frame, the field of iron in the body is constant, and the measured field turns about this
+        # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
         iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
         first = turned_back(problem.table, near.bias, complete[0] - iron, problem.begin, field.times[whole][0])
@@ -242,7 +236,6 @@ def _from(problem: Problem, near: Guess) -> Fit:
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
-    """The doubts about the fit, with the lines of the file that they concern."""
     lines = [problem.table.lines] + ([] if problem.field is None else [problem.field.lines])
 
     def named(doubt: Doubt) -> str:
@@ -267,9 +260,7 @@ def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
         print(f"{options.magnetometer_data}: {count} directions of the field{clock}")
     print(result)
     if not options.sigma:
-        print(
-            "sigma is not given and counts as 1 rad/s: the rms is that of the rates, and the intervals follow from it"
-        )
+        print("sigma is not given and counts as 1 rad/s: the rms refers to the rates and determines the intervals")
     ratios, intervals = result.derived(lambda v: v["moments"][:2] / v["moments"][2])
     for i, (ratio, (low, high)) in enumerate(zip(ratios, intervals, strict=True)):
         print(f"moments[{i}] / moments[2]  {ratio:.10g}  [{low:.10g}, {high:.10g}]")

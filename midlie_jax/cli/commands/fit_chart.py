@@ -32,9 +32,7 @@ def fit_chart(
         OSError: the file cannot be written.
     """
     figure = new_figure(11.0, 8.0)
-    heading(
-        figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements, and what the fit leaves."
-    )
+    heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     panel(above, "Angular velocity about the principal axes", "", "Ω  [rad/s]")
     panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")

@@ -1,4 +1,4 @@
-"""Measurements from a CSV file for `midlie fit`. Ambiguous files are refused, with the line or the column."""
+"""Measurements from a CSV file for `midlie fit`. Ambiguous files raise an error with the line or the column."""
 
 import csv
 import io
@@ -23,13 +23,13 @@ _ORDERS = ("xyz", "123", "012", "pqr", "abc", "uvw", ("roll", "pitch", "yaw"))
 
 
 class Columns(NamedTuple):
-    """Which columns are read, and their units.
+    """The columns to read, and their units.
 
     Attributes:
         rates: the names of the columns of time and of the three rates; None for the first four columns.
         field: the names of the three columns of a magnetometer in the same rows; None if there is none.
         rate_unit: one of `UNITS_OF_RATE`.
-        time_unit: one of `UNITS_OF_TIME`; None for seconds, and then a name with another unit is refused.
+        time_unit: one of `UNITS_OF_TIME`; None for seconds, in which case a name with another unit is rejected.
         first, last: the times of the first and the last row that is used, in the unit of the file; None for all.
     """
 
@@ -42,14 +42,14 @@ class Columns(NamedTuple):
 
 
 class FieldColumns(NamedTuple):
-    """Which columns of a magnetometer's own file are read, and the unit of its time, as for `Columns`."""
+    """The columns to read of a magnetometer file, and the unit of its time, as for `Columns`."""
 
     time: str
     field: Sequence[str]
     time_unit: str | None
 
 
-_FASTER = 1000.0  # a rate this many times the usual one is taken for an error in the file
+_FASTER = 1000.0  # a rate above the usual one by this factor counts as an error in the file
 
 
 class Table(NamedTuple):
@@ -67,7 +67,7 @@ class Table(NamedTuple):
 
 
 class Field(NamedTuple):
-    """What a magnetometer measured: times (m,), seconds; vectors (m, 3), in the unit of the file; lines (m,)."""
+    """The data of a magnetometer: times (m,), seconds; vectors (m, 3), in the unit of the file; lines (m,)."""
 
     times: np.ndarray
     vectors: np.ndarray
@@ -84,15 +84,14 @@ class _Cells(NamedTuple):
 
 
 def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
-    """The measurements in a CSV file with a header, and those of the magnetometer in its rows, if requested.
+    """The measurements in a CSV file with a header, and the magnetometer data in its rows, if requested.
 
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas.
 
     Raises:
-        ValueError: the file has no header, a column is missing or is named as something else than it is taken for, a
-            row does not have the cells of the header, a cell is no number, a time is missing or goes back, a row is far
-            faster than the others, or the last row may have been cut in writing. The message names the line or the
-            column.
+        ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
+            cells of the header, a cell is not a number, a time is missing or goes back, a row is far faster than the
+            others, or the last row may be truncated. The message names the line or the column.
     """
 
     def named(header: list[str]) -> list[str]:
@@ -114,7 +113,7 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
 
 
 def read_field(path: str, wanted: FieldColumns) -> Field:
-    """The measurements of a magnetometer in a CSV file of its own; errors as for `read`."""
+    """The measurements of a magnetometer in a separate CSV file; errors as for `read`."""
     cells = _cells(path, lambda header: [wanted.time, *wanted.field], "--magnetometer-time and --magnetometer")
     _check_time_unit(cells.names[0], wanted.time_unit, "--magnetometer-time-unit")
     if np.isnan(cells.numbers[:, 1:]).any(axis=1).all():
@@ -123,7 +122,7 @@ def read_field(path: str, wanted: FieldColumns) -> Field:
 
 
 def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
-    """The columns with the names `named(header)`, time first; `options` are those that name columns."""
+    """The columns with the names `named(header)`, time first; `options` are the options that name columns."""
     text = _text(path)
     rows = _rows(path, text)
     if len(rows) < 2:
@@ -145,7 +144,6 @@ def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> 
 
 
 def _within(path: str, cells: _Cells, first: float | None, last: float | None) -> _Cells:
-    """The rows from the first to the last time."""
     times = cells.numbers[:, 0]
     kept = (times >= (-np.inf if first is None else first)) & (times <= (np.inf if last is None else last))
     if not kept.any():
@@ -167,13 +165,11 @@ def _text(path: str) -> str:
 
 
 def _separator(text: str) -> str:
-    """The separator that occurs most often in the first line that is not empty."""
     first = next((line for line in text.splitlines() if line.strip()), "")
     return max(",;\t", key=first.count)
 
 
 def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
-    """The rows that are not empty, each with its line."""
     found: list[tuple[int, list[str]]] = []
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
     try:
@@ -186,18 +182,16 @@ def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
 
 
 def _places(path: str, line: int, header: list[str], names: list[str], options: str) -> list[int]:
-    """The places of the requested columns in a row."""
     known = ", ".join(header)
     if any(_is_number(name) for name in header):
         raise ValueError(
-            f"{path}, line {line}: there are numbers where the names of the columns should be; write a header above "
-            "them, such as t,wx,wy,wz."
+            f"{path}, line {line}: numbers in place of column names; write a header above them, such as t,wx,wy,wz."
         )
     for name in names:
         if name not in header:
             raise ValueError(f"{path} has no column {name!r}; it has {known}. Give {options}.")
         if header.count(name) > 1 or names.count(name) > 1:
-            raise ValueError(f"column {name!r} stands twice; {path} has {known}. Each column needs a name of its own.")
+            raise ValueError(f"column {name!r} occurs twice; {path} has {known}. Each column needs a unique name.")
     return [header.index(name) for name in names]
 
 
@@ -216,7 +210,6 @@ def _check_order(path: str, header: list[str], names: list[str]) -> None:
 
 
 def _common(words: list[str]) -> str:
-    """The beginning that all words have in common."""
     count = 0
     while count < min(map(len, words)) and len({word[count] for word in words}) == 1:
         count += 1
@@ -233,14 +226,14 @@ def _words(name: str) -> list[str]:
 
 
 def _check_time_unit(name: str, unit: str | None, option: str) -> None:
-    """Raises if the name of the column of time contains another unit than the one given by the user."""
+    """Raises if the name of the time column contains another unit than the given one."""
     said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(_words(name))), None)
     if said is not None and said != (unit or "s"):
         raise ValueError(f"column {name!r} is in {said} by its name; give {option} {said}, or rename it.")
 
 
 def _check_rate_units(names: list[str], unit: str) -> None:
-    """The same for the columns of rates."""
+    """Raises if the name of a rate column contains another unit than the given one."""
     for name in names:
         said = next((unit for unit, known in _NAMED_RATES.items() if set(known) & set(_words(name))), None)
         if said is not None and said != unit:
@@ -248,11 +241,11 @@ def _check_rate_units(names: list[str], unit: str) -> None:
 
 
 def _check_length(path: str, line: int, header: list[str], row: list[str]) -> None:
-    """Raises unless the row has a cell for each name; separators at the end of a line do not count."""
+    """Raises unless the row has a cell for each name; separators at the end of a line are ignored."""
     if len(row) < len(header) and any(header[len(row) :]):
         raise ValueError(
-            f"{path}, line {line} has {len(row)} cells and the header {len(header)}: the row was cut; complete it or "
-            "delete it."
+            f"{path}, line {line} has {len(row)} cells and the header {len(header)}: the row is "
+            "truncated; complete it or delete it."
         )
     if any(row[len(header) :]):
         raise ValueError(
@@ -277,7 +270,7 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return "_" not in text  # Python reads 1_000
+    return "_" not in text  # Python accepts 1_000
 
 
 def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> None:
@@ -295,30 +288,31 @@ def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> 
 
 
 def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
-    """Raises if one row is far faster than the others: a free body's speed varies at most as its moments do."""
+    """Raises if one row is far faster than the others, because the speed of a free body varies at most by the ratio of
+    its moments.
+    """
     speeds = np.linalg.norm(rates, axis=1)
     usual = np.median(speeds[~np.isnan(speeds)]) if not np.all(np.isnan(speeds)) else 0.0
     fastest = int(np.argmax(np.nan_to_num(speeds, posinf=np.inf)))
     if 0 < _FASTER * usual < speeds[fastest]:
         raise ValueError(
-            f"{path}, line {lines[fastest]}: the rate is {speeds[fastest]:.3g}, and {usual:.3g} in the usual row; is a "
-            "decimal point missing? Correct the row or delete it."
+            f"{path}, line {lines[fastest]}: the rate is {speeds[fastest]:.3g}, but usually "
+            f"{usual:.3g}; check the decimal point, and correct the row or delete it."
         )
 
 
 def _check_last(path: str, cells: list[tuple[int, list[str]]], places: list[int]) -> None:
-    """Raises if the last number has fewer digits than all others in its column: the last line may have been cut.
+    """Raises if the last number has fewer digits than all others in its column: the last line may be truncated.
 
-    If a number was cut and still has as many digits as another one, it changed by no more than the rounding of that
-    one.
+    A truncated number with as many digits as another one has an error no larger than its rounding.
     """
     line, row = cells[-1]
     last = max(k for k, cell in enumerate(row) if cell)
     others = [_digits(other[last]) for _, other in cells[:-1] if last < len(other) and other[last]]
     if last in places and (not others or _digits(row[last]) < min(others)):
         raise ValueError(
-            f"{path}, line {line}: the last line has no line break at its end, and its last number, {row[last]!r}, has "
-            "fewer digits than all above it: it was cut in writing; complete the row or delete it."
+            f"{path}, line {line} is truncated: it has no line break, and its last number, "
+            f"{row[last]!r}, has fewer digits than all above it; complete the row or delete it."
         )
 
 

@@ -1,4 +1,4 @@
-"""Whether a record is of one free flight: the speed of a free body changes little."""
+"""Test whether a record contains one free flight: the speed of a free body changes little."""
 
 from collections.abc import Sequence
 
@@ -7,13 +7,13 @@ from scipy.ndimage import median_filter  # SciPy comes with JAX
 
 from .fit_data import Table
 
-_FACTOR = 20.0  # between the largest and the smallest speed; a free body's is at most the ratio of its moments
-_ROWS = 9  # of the running median, in which single wrong rows do not count
-_SLOW = 5.0  # percent of the rows that may be slower than the smallest speed
+_FACTOR = 20.0  # between the largest and the smallest speed; for a free body at most the ratio of its moments
+_ROWS = 9  # of the running median, which ignores single wrong rows
+_SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
 
 
 def check_flight(path: str, table: Table, unit: float, moments: Sequence[float] | None) -> None:
-    """Raises if the speed changes by more than that of a free body, because it was held in a part of the record.
+    """Raises if the speed changes more than for a free body, because the body was held in a part of the record.
 
     Args:
         path: the file.
@@ -33,7 +33,8 @@ def check_flight(path: str, table: Table, unit: float, moments: Sequence[float] 
     below = np.flatnonzero(smooth < smooth[fast] / 2)
     first, last = below[below < fast].max(initial=-1) + 1, below[below > fast].min(initial=len(times)) - 1
     raise ValueError(
-        f"{path}: the speed goes from {slow:.3g} to {smooth[fast]:.3g} rad/s, at t = {times[fast]:g}, which no free "
-        "body does: the file holds more than a free flight. Give the first and the last time of the flight by --from "
-        f"and --to; the speed is above half of its largest from t = {times[first]:g} to {times[last]:g}."
+        f"{path}: the speed goes from {slow:.3g} to {smooth[fast]:.3g} rad/s, at t = "
+        f"{times[fast]:g}, too much for a free body: the file holds more than a free flight. Give "
+        "the first and the last time of the flight by --from and --to; the speed is above half "
+        f"of its largest from t = {times[first]:g} to {times[last]:g}."
     )

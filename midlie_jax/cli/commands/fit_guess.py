@@ -1,8 +1,8 @@
 """A guess for `midlie fit` from the measured rates alone, without a run: Euler's equations, integrated over windows.
 
 I (Omega(t + w) - Omega(t)) = integral of (I Omega) x Omega from t to t + w, for all windows of one length w, is a small
-least-squares problem in the ratios of the moments and, if requested, the bias. No motion is computed that could depart
-from the data, so there are no far-off minima like those of a fit of the whole motion.
+least-squares problem in the ratios of the moments and, if requested, the bias. No motion is integrated, so the distant
+minima of a fit of the whole motion do not occur.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from .fit_data import Table
 
 ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
 _TOTAL = 5.5  # the sum of the moments
-_WINDOW = 1.0  # radians by which the body turns per window
+_WINDOW = 1.0  # rotation of the body per window, radians
 _FINE = 0.05  # radians between two points of an integral
 _MOST_POINTS = 200_000
 
@@ -29,11 +29,11 @@ class Guess(NamedTuple):
 
 
 def guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
-    """The best solution of the windows' equations, from starts with the moments in all six sortings.
+    """The best solution of the window equations, from starts with all six permutations of the moments.
 
     Args:
         times, rates: (n,) and (n, 3), seconds and rad/s; rows with a NaN are left out.
-        bias: whether the bias of the rates is estimated, too.
+        bias: whether the bias of the rates is also estimated.
     """
     times, first = np.unique(times[np.all(np.isfinite(rates), axis=1)], return_index=True)
     rates = rates[np.all(np.isfinite(rates), axis=1)][first]
@@ -62,9 +62,9 @@ def guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
 
 
 def turned_back(table: Table, bias: np.ndarray, vector: np.ndarray, begin: float, end: float) -> np.ndarray:
-    """A vector fixed in space, (3,), seen from the body at `begin`, from what it looked like at `end`.
+    """A space-fixed vector, (3,), in the body frame at `begin`, from its components at `end`.
 
-    The body turns as the gyroscope says between its rows, and before the first as in the first.
+    The body rotates with the measured rates between the rows, and before the first row with its rate.
     """
     known = np.all(np.isfinite(table.rates), axis=1)
     rates = table.rates[known] - bias

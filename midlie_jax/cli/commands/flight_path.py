@@ -7,11 +7,11 @@ import numpy as np
 from ..figures import panel
 from .record import Record
 
-_FIRST = 3  # bodies that have a line of their own, as in the other panels
+_FIRST = 3  # bodies with a separate line, as in the other panels
 
 
 def flight_path(axes: Any, record: Record) -> None:
-    """Draws the paths of the first bodies, seen along the axis of space along which they move least."""
+    """Draws the paths of the first bodies, seen along the space axis of least motion."""
     found, colours = record.lines(record.travel[-1], _FIRST)
     paths = np.asarray(found, np.float64)
     spans = np.nan_to_num(np.nanmax(paths, axis=(0, 1)) - np.nanmin(paths, axis=(0, 1)))
@@ -23,6 +23,6 @@ def flight_path(axes: Any, record: Record) -> None:
     for path, colour in zip(paths, colours, strict=False):
         axes.plot(path[:, i], path[:, j], color=colour, linewidth=1.2)
         axes.plot(*path[0, [i, j]], marker="o", markersize=7, color=colour, markeredgecolor="white", zorder=3)
-    if np.min(spans[[i, j]]) > 0.05 * np.max(spans):  # a flight that is nearly straight would be a line of no height
+    if np.min(spans[[i, j]]) > 0.05 * np.max(spans):  # a nearly straight path would have no height
         axes.set_aspect("equal", adjustable="datalim")
     axes.locator_params(nbins=6)

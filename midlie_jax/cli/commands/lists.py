@@ -1,4 +1,4 @@
-"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes, or of those named."""
+"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes, or of the named ones."""
 
 import argparse
 from collections.abc import Iterator
@@ -19,17 +19,17 @@ from .. import scenes as all_scenes
 from ..scenes import Scene
 from .output import show_table
 
-_MOST_NUMBERS = 12  # of an array that are printed
+_MOST_NUMBERS = 12  # largest number of printed entries of an array
 _HEADS = ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"]
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Prints the lists of methods, flights and schemes, best first; or the methods that are named."""
+    """Prints the lists of methods, flights and schemes, best first; or the named methods."""
     if options.names:
         show_table(_HEADS, [_method(chosen.method(name)) for name in options.names])
         return
     show_table(_HEADS, [_method(entry.method) for entry in ENTRIES.values()])
-    print("\nAny combination FLIGHT[SCHEME] is a method, too:\n")
+    print("\nAny combination FLIGHT[SCHEME] is also a method:\n")
     show_table(
         ["flight", "order", "symplectic", "when to take it"],
         [[f.name, "exact" if f.order is None else str(f.order), _yes(f.symplectic), f.use] for f in FLIGHTS.values()],
@@ -52,7 +52,7 @@ def _yes(value: bool) -> str:
 
 
 def scenes(options: argparse.Namespace) -> None:
-    """Prints the list of scenes; or all details of the scenes that are named."""
+    """Prints the list of scenes; or all details of the named scenes."""
     if options.names:
         print("\n\n".join(_described(chosen.scene(name)) for name in options.names))
         return
@@ -88,7 +88,6 @@ def _body(body: Any) -> dict[str, str]:
 
 
 def _start(start: Any) -> dict[str, str]:
-    """The fields of a state, with the frame of each."""
     found: dict[str, str] = {}
     for name, (_, about) in start.described().items():
         frame = "w, x, y, z; body to space" if name == "attitude" else f"{about['frame']} frame"
@@ -98,7 +97,6 @@ def _start(start: Any) -> dict[str, str]:
 
 
 def _torque(torque: Any) -> str:
-    """The class of a torque, and its parameters."""
     if torque is None:
         return "none"
     if isinstance(torque, Sum):
@@ -117,7 +115,7 @@ def _parameters(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _numbers(array: Any) -> str:
-    """The numbers in one line; of more rows than a few, the first and the last."""
+    """The numbers in one line; for many rows, the first and the last."""
     if np.ndim(array) and np.size(array) > _MOST_NUMBERS:
         return f"{_numbers(array[0])}, ..., {_numbers(array[-1])}"
     text = np.array2string(np.asarray(array), precision=7, separator=", ", max_line_width=1000)

@@ -15,15 +15,15 @@ from ..scenes import Scene
 from .output import require
 from .record import Record
 
-_SHOWN = 1000  # the most bodies of a store whose errors are computed and drawn: evenly spaced ones
+_SHOWN = 1000  # the largest number of bodies of a store whose errors are computed and drawn: evenly spaced ones
 _SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store written by `midlie run`
 
 
 def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
-    """Runs the scene into a store, or goes on with the run there, and prints the summary."""
+    """Runs the scene into a store, or resumes the run there, and prints the summary."""
     devices = jax.devices()[: options.devices] if options.devices else []
     if options.devices and len(devices) < options.devices:
-        raise ValueError(f"there are {len(devices)} devices, but --devices asks for {options.devices}.")
+        raise ValueError(f"there are {len(devices)} devices, but --devices requires {options.devices}.")
     values = (scene.name, options.size, options.seed)
     result = simulate(
         method,
@@ -74,7 +74,7 @@ def inspect_run(options: argparse.Namespace) -> None:
 
 
 def _draw(found: Inspection, path: str) -> None:
-    """Draws the states of a scene's run with their errors; of any other run, what it holds."""
+    """Draws the states of the run of a scene with their errors; for any other run, its content."""
     record = _record(found)
     if record is None:
         from .store_chart import store_chart
@@ -88,7 +88,7 @@ def _draw(found: Inspection, path: str) -> None:
 
 
 def _record(found: Inspection) -> Record | None:
-    """The run as far as it is computed, of evenly spaced bodies; None unless the store holds the states of a scene."""
+    """The run as far as it is computed, for evenly spaced bodies; None unless the store holds the states of a scene."""
     said = found.attributes
     if said.get("scene") not in scenes.scenes() or found.done == 0:
         return None

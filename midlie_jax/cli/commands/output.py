@@ -1,11 +1,11 @@
-"""What the commands share: a progress bar, tables, and an early error about missing packages."""
+"""Shared code of the commands: a progress bar, tables, and an early error about missing packages."""
 
 from importlib.util import find_spec
 from typing import Any
 
 
 def require(*packages: str) -> None:
-    """Checks that packages are installed, before minutes are spent on measuring.
+    """Checks that packages are installed, before minutes of measurements.
 
     Raises:
         ImportError: a package is not installed; the message names the extra that contains it.
@@ -16,7 +16,7 @@ def require(*packages: str) -> None:
 
 
 def progress_bar(total: int, unit: str) -> Any:
-    """A bar for `total` units of work, which leaves no line behind; nothing is shown if there is no terminal."""
+    """A bar for `total` units of work, which is erased at the end; nothing is shown without a terminal."""
     from tqdm import tqdm
 
     return tqdm(total=total, unit=unit, mininterval=0.5, dynamic_ncols=True, leave=False, disable=None)

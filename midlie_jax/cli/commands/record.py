@@ -17,7 +17,7 @@ from ...simulation.versions import versions
 from .. import travel_changes
 from ..scenes import Scene
 
-_PLURAL = {"momentum": "momenta", "attitude": "attitudes"}  # as such files have always named these two
+_PLURAL = {"momentum": "momenta", "attitude": "attitudes"}  # the established names of these two in such files
 _FRAMES = {
     "momentum": "angular momentum along the principal axes of the body, about its fixed point or centre of mass",
     "attitude": "unit quaternion, scalar first, that takes components in the body frame to components in space",
@@ -42,13 +42,13 @@ class Record(NamedTuple):
         steps: number of steps.
         size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
         times: times of the saved states, (n,).
-        momenta: angular momenta, body frame, (bodies, n, 3); of an axis, in space. Here and below, coupled bodies have
-            an axis (N,) before the last, and the first axis is that of their copies.
+        momenta: angular momenta, body frame, (bodies, n, 3); for an axis, in space. Here and below, coupled bodies have
+            an axis (N,) before the last, and the first axis runs over their copies.
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes in space, (bodies, n, 3).
         ok: `Path.ok` of each body, (bodies,).
-        first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
-        method_from: MODULE:NAME for a method of the user's own, else the name of this package.
-        travel: linear momenta and positions, (bodies, n, 3) each, of a body that travels; else nothing.
+        first_bad: `Path.first_bad` of each body, (bodies,), if known.
+        method_from: MODULE:NAME for a custom method, otherwise the name of this package.
+        travel: linear momenta and positions, (bodies, n, 3) each, for a translating body; otherwise empty.
     """
 
     scene: Scene
@@ -75,17 +75,15 @@ class Record(NamedTuple):
 
     @property
     def states(self) -> Any:
-        """The states, with leading axes (bodies, n), unchecked: those of a failed run may contain NaN."""
+        """The states, with leading axes (bodies, n), unchecked, because the states of a failed run may contain NaN."""
         return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes, *self.travel))
 
     @property
     def energy_change(self) -> Change:
-        """The change of the energy of each body, (bodies, n)."""
         return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
 
     @property
     def momentum_change(self) -> Change:
-        """The change of the spatial momentum of each body, (bodies, n)."""
         states = self.states
         if self.several:
             first = jax.tree.map(lambda x: x[0], states)
@@ -97,7 +95,7 @@ class Record(NamedTuple):
 
     @property
     def travel_changes(self) -> list[Change]:
-        """Of a body that travels, the change of its linear momentum, and the error of its place if it is known."""
+        """For a translating body, the change of its linear momentum, and the error of its position if known."""
         if not self.travel:
             return []
         scene, states = self.scene, self.states
@@ -108,11 +106,10 @@ class Record(NamedTuple):
 
     @property
     def several(self) -> bool:
-        """Whether coupled bodies move."""
         return self.scene.start.several
 
     def lines(self, values: np.ndarray, most: int) -> tuple[np.ndarray, list[str]]:
-        """What has a line of its own, and the colours: the first bodies; or all coupled bodies of the first copy."""
+        """The separate lines, and their colours: the first bodies, or all coupled bodies of the first copy."""
         if self.several:
             first = np.moveaxis(values[0], 1, 0)
             return first, colours_of(len(first))
@@ -120,7 +117,6 @@ class Record(NamedTuple):
 
     @property
     def columns(self) -> dict[str, tuple[str, ...]]:
-        """The names of the components of the arrays of the states."""
         return columns(self.scene.start)
 
     @property
@@ -129,7 +125,6 @@ class Record(NamedTuple):
 
     @property
     def headline(self) -> str:
-        """A description of the run in one line."""
         many = len(self.ok)
         bodies = f"{many} perturbed {'copies' if self.several else 'bodies'}" if many > 1 else "one body"
         if self.several:
@@ -145,7 +140,7 @@ def save(record: Record, path: str) -> None:
     """Writes a .npz or .csv file, by the ending of `path`.
 
     The .npz contains the arrays and a full description of the run, and can be read without pickle. The .csv has a line
-    for each body and time: body, time, the components of the state, ok. Of coupled bodies: copy, time, body and so on.
+    for each body and time: body, time, the components of the state, ok. For coupled bodies: copy, time, body and so on.
 
     Raises:
         OSError: the file cannot be written.
@@ -197,7 +192,7 @@ def _of_states(record: Record) -> dict[str, Any]:
 
 
 def _of_body(body: Any) -> dict[str, Any]:
-    """The parameters of the body; of a body that travels and of an axis as `simulate` names them."""
+    """The parameters of the body; for a translating body and an axis with the names used by `simulate`."""
     if isinstance(body, RigidBody):
         return {"moments": np.asarray(body.moments)}
     return {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
@@ -212,6 +207,6 @@ def _save_csv(record: Record, path: str) -> None:
         for copy, ok in enumerate(record.ok):
             rows = np.concatenate([array[copy] for array in arrays], axis=-1)
             for t, row in zip(record.times, rows, strict=True):
-                # A NumPy scalar prints with the fewest digits that give back the same number.
+                # A NumPy scalar prints with the fewest digits that reproduce the number.
                 for own in enumerate(row) if record.several else [(None, row)]:
                     writer.writerow([copy, t, *(own[:1] if record.several else ()), *own[1], int(ok)])

@@ -26,9 +26,9 @@ from .long_run import long_run
 from .output import require
 from .record import Record, save
 
-_FEW, _MANY = 200, 2000  # the most saved states per body: for the errors alone, and for a file or a chart
-_MOST_NUMBERS = 2**25  # the most saved numbers of all bodies: 256 MiB in float64
-_TIMINGS, _TIMING_SECONDS = 30, 1.0  # the most timed runs, and the seconds after which no further run starts
+_FEW, _MANY = 200, 2000  # largest number of saved states per body: for the errors alone, and for a file or a chart
+_MOST_NUMBERS = 2**25  # largest number of saved numbers of all bodies: 256 MiB in float64
+_TIMINGS, _TIMING_SECONDS = 30, 1.0  # largest number of timed runs, and the seconds after which no further run starts
 _MOST_STEPS = 2**31 - 1
 _MOST_CHECKED = 1000  # bodies whose step is checked before the run
 
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
-    # All copies are in one field: with three of them its vectors would look as if each body had a component of its own.
+    # All copies are in one field: with three of them its vectors would look like one component per body.
     trial: dict[str, Any] = {"dt": dt, "steps": min(steps, MOST_STEPS), "torque_axes": None}
     checked = check(method, scene.body, scene.torque, few, **trial).parts_of(steps)
     if options.out and options.out.lower().endswith(".zarr"):
@@ -71,7 +71,6 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float, int]:
-    """The step, rounded to the dtype, and the number of steps."""
     with np.errstate(over="ignore"):  # infinity raises a ValueError below
         dt = float(np.asarray(scene.dt if options.dt is None else options.dt, dtype))
     if not (math.isfinite(dt) and dt != 0):
@@ -82,8 +81,8 @@ def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float
     count = max(1.0, scene.duration / abs(dt))
     if count > _MOST_STEPS:
         raise ValueError(
-            f"dt {dt:g} asks for {count:.1e} steps in the scene's duration {scene.duration:g}, which is more than "
-            f"{_MOST_STEPS}; give a larger --dt, or --steps."
+            f"dt {dt:g} gives {count:.1e} steps in the duration {scene.duration:g} of the scene, more "
+            f"than {_MOST_STEPS}; give a larger --dt, or --steps."
         )
     return dt, round(count)
 
@@ -135,7 +134,7 @@ def _integrated(
 
 
 def _since(path: Path[Any]) -> str:
-    """When the first body failed, for the report; "" if none did."""
+    """The time of the first failure of a body, for the report; "" if there was none."""
     if bool(np.all(path.ok)):
         return ""
     last_good = int(np.min(path.first_bad)) - 1
@@ -169,7 +168,7 @@ def _report(
 
 
 def _end(record: Record) -> list[tuple[str, str]]:
-    """Where the first body is at the end, if it travels; or how its axis points, if it is only an axis."""
+    """The position of the first body at the end, if it translates, or its axis, if it has no attitude."""
     if record.travel and record.several:
         places = record.travel[-1][0, -1]
         shown = sorted({0, *(range(len(places)) if len(places) <= FEW else ()), len(places) - 1})

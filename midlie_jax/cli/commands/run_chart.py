@@ -1,6 +1,6 @@
 """The chart of a run: changes of energy and momentum, angular velocities, and the path of an axis of the body.
 
-Of a body that travels also the path of its centre of mass and the change of its linear momentum.
+For a translating body also the path of its centre of mass and the change of its linear momentum.
 """
 
 import math
@@ -19,10 +19,10 @@ from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
 from .flight_path import flight_path
 from .record import Record
 
-_FIRST = 3  # how many bodies have a line of their own
+_FIRST = 3  # number of bodies with a separate line
 _COLOURS = (BLUE, VERMILLION, GREEN)
 _BAND = (5, 95)  # percentiles of all bodies
-_FEW = 50  # with fewer saved states, each is marked by a dot
+_FEW = 50  # with fewer saved states, each has a dot
 _ROUNDING = 1e3  # in units in the last place: smaller errors count as rounding
 _LEAST_RANGE = 1e-3  # smallest range of a panel of angular velocities, relative to the largest of them
 
@@ -42,7 +42,6 @@ def run_chart(record: Record, path: str) -> None:
 
 
 def run_figure(record: Record) -> Any:
-    """The chart as a matplotlib figure."""
     travels = bool(record.travel)
     figure = new_figure(19.0 if travels else 13.0, 10.0)
     count, failed = len(record.ok), int(np.sum(~record.ok))
@@ -53,7 +52,7 @@ def run_figure(record: Record) -> Any:
             f"Bands: percentiles {_BAND[0]} to {_BAND[1]} of all bodies."
         )
     if record.several:
-        note += f" Each of the {record.scene.start.count} bodies has a colour, from blue, the first one, to the last."
+        note += f"Each of the {record.scene.start.count} bodies has a colour, from blue, the first one, to the last."
         note += " Of several copies the first is drawn." if count > 1 else ""
     if failed:
         note += f" FAILED for {failed} of {count}: values that are not finite are left out."
@@ -79,7 +78,7 @@ def _change(axes: Any, record: Record, change: Change, time: str) -> None:
     _remark(axes, change.reason or change.note)
     _band(axes, record.times, change.values, FAINT)
     for values, colour in zip(change.values[:_FIRST], _COLOURS, strict=False):
-        # Rounding errors jump from state to state: a line through them would be a block of colour.
+        # Rounding errors jump from state to state, so a line through them would be a block of colour.
         rounding = np.nanmax(np.abs(values)) < _ROUNDING * np.finfo(record.dtype).eps
         _plot(axes, record.times, values, colour, line=not rounding)
     axes.set_xlim(*_span(record))
@@ -107,7 +106,7 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
             _plot(axes, record.times, values[:, 0], colour)
         axes.set_xlim(*_span(record))
         low, high = axes.get_ylim()
-        least = _LEAST_RANGE * np.nanmax(np.abs(scaled))  # keeps the rounding of a constant rate invisible
+        least = _LEAST_RANGE * np.nanmax(np.abs(scaled))  # hides the rounding of a constant rate
         if high - low < least:
             axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
         axes.ticklabel_format(axis="y", useOffset=False, style="plain")
@@ -115,7 +114,7 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
 
 
 def _trace(axes: Any, record: Record) -> None:
-    """Draws the path of an axis of the body on the unit sphere, seen along the z axis of space."""
+    """Draws the path of an axis of the body on the unit sphere, seen along the space z axis."""
     axis, name = _axis(record)
     panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
     poses, colours = record.lines(record.attitudes, _FIRST)
@@ -149,13 +148,12 @@ def _plot(axes: Any, times: np.ndarray, values: np.ndarray, colour: str, line: b
 
 
 def _span(record: Record) -> tuple[float, float]:
-    """The range of times, with a small margin."""
     low, high = sorted((float(record.times[0]), float(record.times[-1])))
     return low - 0.02 * (high - low), high + 0.02 * (high - low)
 
 
 def _axis(record: Record) -> tuple[np.ndarray, str]:
-    """The axis of the body whose path is drawn, and its name: the axis of the torque if it has one, else the third."""
+    """The axis of the body in the picture, and its name: the axis of the torque if it has one, otherwise the third."""
     torque = record.scene.torque
     if isinstance(record.scene.start, AxisState):
         axis, name = np.array([0.0, 0.0, 1.0]), "the axis of symmetry"

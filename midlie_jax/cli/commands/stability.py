@@ -13,7 +13,7 @@ from .output import require, show_table
 
 
 def stability(options: argparse.Namespace) -> None:
-    """Measures the maps, prints how much of each fails, and draws them."""
+    """Measures the maps, prints the share of each that fails, and draws them."""
     require("matplotlib")
     scene, methods = chosen.scene(options.scene), chosen.methods(options.methods or METHODS)
     steps, varied = sweeps(scene, options.grid)
@@ -24,7 +24,7 @@ def stability(options: argparse.Namespace) -> None:
                 f"scene {scene.name!r} has no {' and no '.join(missing)} to vary; it has {', '.join(there)}."
             )
         varied = [sweep for sweep in varied if sweep.name in options.sweeps]
-    for method in methods:  # raises for a method that cannot move the body, before any method is measured
+    for method in methods:  # raises for an unsupported method, before any method is measured
         method.fitted(scene.body)
     path = options.out or f"stability-{scene.name}.png"
     maps, rows = [], []
@@ -52,8 +52,8 @@ def stability(options: argparse.Namespace) -> None:
         varied,
         title=f"{scene.name}: {scene.title}",
         note=(
-            f"Each point of a map is one run of {options.steps} steps from the start of the scene with its spin, shape "
-            "or field changed. Lines: limits by theory, for the state at the start."
+            f"Each point of a map is one run of {options.steps} steps from the start of the scene "
+            "with its spin, shape or field changed. Lines: theoretical limits for the initial state."
         ),
         time_unit=scene.time_unit,
     )

@@ -1,4 +1,4 @@
-"""The chart of any store: what it holds against time, lag or frequency, for a few bodies and for all."""
+"""The chart of any store: its content against time, lag or frequency, for a few bodies and for all."""
 
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from ..figures import FAINT, heading, new_figure, panel, write
 
 _LINES = (BLUE, VERMILLION, GREEN)  # the colours of the first bodies
 _BAND = (5, 95)  # percentiles of all bodies that are drawn
-_SHOWN = 1000  # the most bodies that are read for the band: evenly spaced ones
-_PANELS = 15  # the most components that are drawn: a body that travels has 13
+_SHOWN = 1000  # largest number of bodies that are read for the band: evenly spaced ones
+_PANELS = 15  # largest number of drawn components: a translating body has 13
 _COLUMNS = 3
 
 
@@ -29,10 +29,9 @@ def store_chart(found: Inspection, path: str) -> None:
 
 
 def store_figure(found: Inspection) -> Any:
-    """The chart as a matplotlib figure: a panel for each component."""
     panels = _panels(found)
     if not panels:
-        raise ValueError(f"{found.path} holds nothing to draw yet; resume the run, and draw it then.")
+        raise ValueError(f"{found.path} holds nothing to draw yet; resume the run first.")
     rows = -(-min(len(panels), _PANELS) // _COLUMNS)
     figure = new_figure(13.0, 1.5 + 2.9 * rows)
     note = f"{found.bodies} bodies, {found.attributes['method']}; {found.done / found.total:.0%} computed."
@@ -56,9 +55,9 @@ def store_figure(found: Inspection) -> Any:
 
 
 def _panels(found: Inspection) -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
-    """For each component: title, unit, what it is drawn against, times (bodies, n) and values (bodies, n).
+    """For each component: title, unit, the variable of its axis, times (bodies, n) and values (bodies, n).
 
-    A statistic has a single row; of one over times, lags or frequencies stand in the place of times.
+    A statistic has a single row; a statistic over times has lags or frequencies in place of times.
     """
     import zarr
 

@@ -39,7 +39,6 @@ def view_run(options: argparse.Namespace) -> None:
 
 
 def _names(found: dict[tuple[str, int], Saved]) -> tuple[list[str], str]:
-    """The names of the bodies in one picture, and its title."""
     runs, several = list(dict.fromkeys(run for run, _ in found)), len({body for _, body in found}) > 1
     files = [Path(run).name if len({Path(one).name for one in runs}) == len(runs) else run for run in runs]
     short = dict(zip(runs, files, strict=True))

@@ -1,4 +1,4 @@
-"""The options of each command, in functions that add them to its parser. Like `parser`, without JAX."""
+"""The options of each command, in functions that add them to its parser; like `parser`, without JAX."""
 
 from .fitting import fit as fit
 from .lists import names as names

@@ -7,12 +7,14 @@ from ..readers import file, number, positive, whole
 
 def fit(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Fits the moments of inertia of a body under no torque, up to their sum, and its initial angular velocity to "
-        "the angular velocities in a CSV file with a header: time, then the rates about the three principal axes. "
-        "Empty cells are missing values. Prints the estimates with 95 % intervals. The exit code is 2 if the fit is "
-        "not ok: if it did not converge, if its residuals are not noise of the size of sigma, or if the body turns by "
-        "more than half a revolution between rows. If the file holds more than a free flight, such as a phone in the "
-        "hand before it and the catch after it, choose the flight by --from and --to."
+        "Fits the moments of inertia of a torque-free body, up to their sum, and its initial "
+        "angular velocity to the angular velocities in a CSV file with a header: time, then the "
+        "rates about the three principal axes. Empty cells are missing values. Prints the "
+        "estimates with 95 % intervals. The exit code is 2 if the fit is not ok: if it did not "
+        "converge, if its residuals are not noise of the size of sigma, or if the body rotates "
+        "by more than half a revolution between rows. If the file holds more than a free flight, "
+        "such as a phone in the hand before it and the catch after it, choose the flight by "
+        "--from and --to."
     )
     parser.add_argument("data", metavar="DATA.csv", help="the measurements")
     parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
@@ -27,7 +29,9 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "--sigma", type=positive, metavar="S", help="their standard deviation, in this unit (default: from the fit)"
     )
     parser.add_argument(
-        "--bias", action="store_true", help="also find the bias of the gyroscope, what it adds to the rates"
+        "--bias",
+        action="store_true",
+        help="also find the bias of the gyroscope, the constant that it adds to the rates",
     )
     parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s)")
     parser.add_argument(
@@ -43,7 +47,7 @@ def fit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--magnetometer-data",
         metavar="FILE.csv",
-        help="the magnetometer's own file, with times of its own; without it, its columns are in DATA.csv",
+        help=("a separate file of the magnetometer with its own times; without it, its columns are in DATA.csv"),
     )
     parser.add_argument("--magnetometer-time", metavar="NAME", help="the column of time in that file")
     parser.add_argument(
@@ -52,12 +56,14 @@ def fit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--magnetometer-clock",
         choices=("same", "fitted"),
-        help="whether the times in both files are of one clock, or also find how far the magnetometer's is ahead",
+        help=("`same` if both files use one clock; `fitted` to also find the offset of the magnetometer clock"),
     )
     parser.add_argument(
         "--magnetometer-sigma", type=positive, metavar="DEG", help="the standard deviation of its direction, degrees"
     )
-    parser.add_argument("--hard-iron", action="store_true", help="also find what the magnetometer adds to the field")
+    parser.add_argument(
+        "--hard-iron", action="store_true", help="also find the constant that the magnetometer adds to the field"
+    )
     parser.add_argument(
         "--starts", type=whole(1), default=1, metavar="N", help="starts: the guess and N - 1 around it (default: 1)"
     )

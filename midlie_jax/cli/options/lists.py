@@ -1,4 +1,4 @@
-"""The names that `midlie methods` and `midlie scenes` take."""
+"""The name arguments of `midlie methods` and `midlie scenes`."""
 
 import argparse
 

@@ -7,14 +7,14 @@ from ..readers import MOST_STEPS, OWN, file, whole
 
 def chart(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Runs every method over a ladder of steps and writes the errors and the times as a table and a picture. "
-        "The command runs on one core, so times are those of one core."
+        "Runs every method over a ladder of steps and writes the errors and the times as a table "
+        "and a picture. The command runs on one core, so times refer to one core."
     )
     parser.add_argument(
         "scene", nargs="?", default="P1", metavar="SCENE", help=f"see `midlie scenes` (default: P1){OWN}"
     )
     parser.add_argument("--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: those of the paper){OWN}")
+    parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: the paper's){OWN}")
     parser.add_argument(
         "--steps", type=whole(1, MOST_STEPS), metavar="N", help="steps on the coarsest rung of the ladder"
     )
@@ -23,8 +23,9 @@ def chart(parser: argparse.ArgumentParser) -> None:
 
 def stability(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Runs every method over a grid of steps and of spins, shapes of the body and strengths of the field, and draws "
-        "the worst energy error, where solves fail, where runs blow up, and the limits that theory gives."
+        "Runs every method over a grid of steps and of spins, shapes of the body and strengths "
+        "of the field, and draws the worst energy error, failed solves, blown-up runs, and the "
+        "theoretical limits."
     )
     parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`; its energy must be constant{OWN}")
     parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: one of each kind){OWN}")
@@ -38,7 +39,7 @@ def stability(parser: argparse.ArgumentParser) -> None:
         "--sweeps",
         nargs="+",
         choices=("spin", "anisotropy", "stiffness"),
-        help="what is varied, a row of maps each (default: all that the scene has)",
+        help="the varied properties, a row of maps each (default: all that the scene has)",
     )
     parser.add_argument(
         "--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)"

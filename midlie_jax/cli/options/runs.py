@@ -1,4 +1,4 @@
-"""The options of the commands that make a run, and of those that read one."""
+"""The options of the commands that make a run, and of the commands that read one."""
 
 import argparse
 from typing import Any
@@ -7,7 +7,7 @@ from ..readers import MOST_STEPS, OWN, axis, file, file_or_store, number, positi
 
 
 class _Given(argparse.Action):
-    """Notes that the option was given: the scenes that need another method than the default name their own."""
+    """Records that the option was given, because scenes with another default method define their own."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
         setattr(namespace, self.dest, values)
@@ -25,7 +25,7 @@ def run(parser: argparse.ArgumentParser) -> None:
         default="JACOBI[EA]",
         action=_Given,
         metavar="NAME",
-        help=f"see `midlie methods` (default: JACOBI[EA], or the scene's if that cannot move its body){OWN}",
+        help=(f"see `midlie methods` (default: JACOBI[EA], or the scene's if that does not support its body){OWN}"),
     )
     parser.set_defaults(method_given=False)
     parser.add_argument("--dt", type=number, metavar="H", help="step (default: the scene's)")
@@ -42,12 +42,10 @@ def run(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=file_or_store,
         metavar="FILE",
-        help="save times and states: .npz or .csv; or .zarr, a store that is written as the run goes and from which it "
-        "resumes (needs the extra io)",
+        help="save times and states: .npz or .csv; or .zarr, a store that is written during the run "
+        "and from which it resumes (needs the extra io)",
     )
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with the run in the .zarr of --out, if there is one"
-    )
+    parser.add_argument("--resume", action="store_true", help="resume the run in the .zarr of --out, if there is one")
     parser.add_argument("--save-every", type=whole(1), metavar="N", help="steps between two states saved in a .zarr")
     parser.add_argument("--devices", type=whole(1), metavar="K", help="spread the bodies of a .zarr over K devices")
     parser.add_argument(
@@ -60,8 +58,8 @@ def run(parser: argparse.ArgumentParser) -> None:
 
 def inspect(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Reads a run that `midlie run --out run.zarr` or midlie_jax.simulate has written, compares all of it with the "
-        "checksums written with it, and prints how far it came, which bodies failed, and its errors of energy and "
+        "Reads a run written by `midlie run --out run.zarr` or midlie_jax.simulate, verifies its "
+        "checksums, and prints its progress, the failed bodies, and its errors of energy and "
         "momentum."
     )
     parser.add_argument("store", metavar="RUN.zarr", help="the folder")
@@ -70,9 +68,10 @@ def inspect(parser: argparse.ArgumentParser) -> None:
 
 def view(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Shows bodies of runs that `midlie run --out` or midlie_jax.simulate has written: as an HTML file, in which a "
-        "body can be turned with the mouse, played and set to any time, and which needs no network; or as a GIF. "
-        "Several bodies, or several runs, stand side by side at the same times."
+        "Shows bodies of runs written by `midlie run --out` or midlie_jax.simulate, as an HTML "
+        "file or as a GIF. The HTML file needs no network; the body can be rotated with the "
+        "mouse, played and set to any time. Several bodies, or several runs, appear side by side "
+        "at the same times."
     )
     parser.add_argument("runs", nargs="+", metavar="RUN", help="the .npz or .zarr; several of them side by side")
     parser.add_argument(
@@ -93,9 +92,11 @@ def view(parser: argparse.ArgumentParser) -> None:
         help="the axis of the body that is traced: e1, e2 or e3, or a direction such as 1,0,1 (default: e3)",
     )
     parser.add_argument("--frames", type=whole(2), metavar="N", help="evenly spaced times (default: HTML 200, GIF 72)")
-    parser.add_argument("--title", metavar="TEXT", help="the line above (default: HTML what the run says, GIF none)")
-    gif = parser.add_argument_group("of a GIF alone")
-    gif.add_argument("--rate", type=positive, metavar="F", help="frames a second, at most 50 (default: 20)")
+    parser.add_argument(
+        "--title", metavar="TEXT", help="the line above (default: HTML the description of the run, GIF none)"
+    )
+    gif = parser.add_argument_group("only for a GIF")
+    gif.add_argument("--rate", type=positive, metavar="F", help="frames per second, at most 50 (default: 20)")
     gif.add_argument("--size", type=whole(64, 2000), metavar="PIXELS", help="of the picture of a body (default: 320)")
     gif.add_argument("--elevation", type=number, metavar="DEG", help="of the viewer above the xy plane (default: 22)")
     gif.add_argument("--azimuth", type=number, metavar="DEG", help="of the viewer around z from x (default: -55)")
@@ -105,9 +106,10 @@ def view(parser: argparse.ArgumentParser) -> None:
 
 def export(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Writes the attitudes of one body of a run that `midlie run --out` or midlie_jax.simulate has written, as CSV: "
-        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit. "
-        "The position of a body that travels follows; of a body that is only an axis, it writes the axis."
+        "Writes the attitudes of one body of a run written by `midlie run --out` or "
+        "midlie_jax.simulate, as CSV: time, then the unit quaternion from body to space, scalar "
+        "first; or Euler angles. The header gives the unit. For a translating body the position "
+        "follows; for a body without attitude, the axis is written."
     )
     parser.add_argument("run", metavar="RUN", help="the .npz or .zarr")
     parser.add_argument("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
@@ -115,8 +117,8 @@ def export(parser: argparse.ArgumentParser) -> None:
         "--euler",
         type=sequence,
         metavar="ABC",
-        help="Euler angles instead: first about the body's axis A, then about its axes B and C where they are by then; "
-        "ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
+        help="Euler angles instead: first about the body axis A, then about its axes B and C after "
+        "the earlier rotations; ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
     )
     parser.add_argument("--radians", action="store_true", help="angles in radians (default: degrees)")
     parser.add_argument("--csv", action="store_true", help="write CSV, as without this option")
@@ -127,15 +129,17 @@ def export(parser: argparse.ArgumentParser) -> None:
         help="csv (default), or aem: CCSDS Attitude Ephemeris Message",
     )
     parser.add_argument("--out", type=file(".csv", ".aem"), metavar="FILE", help="the file (default: the terminal)")
-    message = parser.add_argument_group("--format aem", "What such a file must say, and a run does not know.")
-    message.add_argument("--epoch", metavar="DATE", help="what t = 0 is, such as 2026-04-13T21:45:00")
-    message.add_argument("--time-system", metavar="NAME", help="that of the epoch: UTC, TAI, GPS, TT, ...")
-    message.add_argument("--time-unit", metavar="UNIT", help="that of the run: ns, us, ms, s, min, h or d")
+    message = parser.add_argument_group(
+        "--format aem", "Required content of such a file that the run does not contain."
+    )
+    message.add_argument("--epoch", metavar="DATE", help="the epoch of t = 0, such as 2026-04-13T21:45:00")
+    message.add_argument("--time-system", metavar="NAME", help="the time system of the epoch: UTC, TAI, GPS, TT, ...")
+    message.add_argument("--time-unit", metavar="UNIT", help="the unit of time of the run: ns, us, ms, s, min, h or d")
     message.add_argument("--object-name", metavar="NAME", help="the name of the spacecraft")
     message.add_argument("--object-id", metavar="ID", help="its international designator, such as 2006-224A")
-    message.add_argument("--originator", metavar="NAME", help="who makes the file")
-    message.add_argument("--frame-a", metavar="NAME", help="the frame of space, such as EME2000")
-    message.add_argument("--frame-b", metavar="NAME", help="the frame of the body, such as SC_BODY_1")
-    message.add_argument("--center-name", metavar="NAME", help="the body at the origin of frame A; may be left out")
+    message.add_argument("--originator", metavar="NAME", help="the originator of the file")
+    message.add_argument("--frame-a", metavar="NAME", help="the space frame, such as EME2000")
+    message.add_argument("--frame-b", metavar="NAME", help="the body frame, such as SC_BODY_1")
+    message.add_argument("--center-name", metavar="NAME", help="the body at the origin of frame A; optional")
     message.add_argument("--spin", action="store_true", help="direction of the z axis, angle and rate about it instead")
     message.add_argument("--aem-version", choices=("1.0", "2.0"), help="of the standard (default: 2.0)")

@@ -11,7 +11,7 @@ class Point(NamedTuple):
     u: Any
     turns: int
     rest: Any
-    sine: Any  # sn(rest), of the reduced argument, as Carlson's form needs it
+    sine: Any  # sn(rest), of the reduced argument, for Carlson's form
     sn: Any
     cn: Any
     dn: Any

@@ -1,4 +1,4 @@
-"""For `oracles`: inputs as exact fractions, so that `== 0` recognises a degenerate motion without a tolerance."""
+"""Inputs of `oracles` as exact fractions, so that `== 0` detects a degenerate motion without a tolerance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 else:
-    ArrayLike = Any  # with numpy's own alias, run-time type checkers refuse a plain tuple of floats
+    ArrayLike = Any  # with numpy's own alias, run-time type checkers reject a plain tuple of floats
 
 
 def fresh_context(digits: int) -> Any:
@@ -67,5 +67,5 @@ def quaternion_product(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def decimal_size(ctx: Any, *values: Any) -> int:
-    """The number of digits before the decimal point of the largest value, by which precision must increase."""
+    """The number of digits before the decimal point of the largest value, the required increase of precision."""
     return max(0, *(int(ctx.mag(v) * 0.30103) + 1 for v in values if v != 0), 0)

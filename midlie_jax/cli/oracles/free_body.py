@@ -29,10 +29,10 @@ def free_body(
     **Returns:** momenta (n, 3) in the body frame and unit quaternions (n, 4), body to space. The quaternion follows
     the motion continuously from `attitude`: it does not jump to its negative.
 
-    **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for
-    bodies with two or three moments equal, exactly or to rounding. The inputs are treated as exact fractions, so
-    nothing is lost at large times either. Near an unstable spin, where the motion depends strongly on the inputs, the
-    result is the motion of exactly these float64 numbers. Each time takes a few ms.
+    **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for bodies
+    with two or three moments equal, exactly or to rounding. The inputs are treated as exact fractions, so large times
+    lose no accuracy. Near an unstable spin, where the motion depends strongly on the inputs, the result is the motion
+    of exactly these float64 numbers. Each time takes a few ms.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive, a zero quaternion;
     `ImportError` without mpmath.
@@ -54,7 +54,7 @@ def free_body(
         return np.tile(constant, (len(instants), 1)), _attitudes(first, turns)
     axes = _labelled_axes(inertia, start)
     momenta, turns = _tumble(ctx, [inertia[k] for k, _ in axes], [sign * start[k] for k, sign in axes], instants)
-    # From the axes of the formulas back to those of the body. The map is a proper rotation, so the vector part of the
+    # From the axes of the formulas back to the body axes. The map is a proper rotation, so the vector part of the
     # quaternions transforms like the momenta.
     pi, turn = np.empty_like(momenta), turns.copy()
     for j, (k, sign) in enumerate(axes):
@@ -83,8 +83,8 @@ def _steady_turns(ctx: Any, spin: list[Fraction], times: NDArray[np.float64]) ->
 def _labelled_axes(inertia: list[Fraction], start: list[Fraction]) -> list[tuple[int, int]]:
     """Right-handed axes, as (index, sign), such that Pi circles the third axis on its positive side.
 
-    The second is the axis of the middle moment. Then Pi_3 never vanishes, so at every energy the first axis can serve
-    as the pole of the angle phi in `_tumble`.
+    The second is the axis of the middle moment. Then Pi_3 never vanishes, so at every energy the first axis can be the
+    pole of the angle phi in `_tumble`.
     """
     low, middle, high = sorted(range(3), key=lambda k: inertia[k])
     twice_energy = sum((p * p / i for p, i in zip(start, inertia, strict=True)), Fraction(0))
@@ -119,7 +119,8 @@ def _tumble(
     a2 = ctx.sqrt(real(ctx, i2 * above / (i3 - i2)))
     a3 = ctx.sqrt(real(ctx, i3 * below / (i3 - i1)))
     total = ctx.sqrt(real(ctx, square))
-    # Euler's equations require sign(A1 A2 A3) = sign(I3 - I1); of the two choices left, take the one with cn u0 >= 0.
+    # Euler's equations require sign(A1 A2 A3) = sign(I3 - I1); of the two remaining choices, use the one with cn u0 >=
+    # 0.
     sign = -1 if start[0] < 0 else 1
     a1, a2 = sign * a1, (sign if i3 > i1 else -sign) * a2
     functions = Elliptic(ctx, m, real(ctx, nearness))

@@ -12,7 +12,7 @@ from ._elliptic import Elliptic, Point
 from ._exact import ArrayLike, decimal_size, fractions, fresh_context, quaternion_product, read, real
 from .free_body import free_body
 
-_ROOT_DIGITS = 320  # enough to separate all roots that are not equal; see `_roots`
+_ROOT_DIGITS = 320  # enough to separate all unequal roots; see `_roots`
 
 
 def lagrange_top(
@@ -56,7 +56,7 @@ def lagrange_top(
         return free_body(moments, momentum, attitude, times)
     if weight > 0:
         return _Top(inertia, weight, start, quaternion).motion(instants)
-    # With the centre of mass on -e3, turn the body axes by half a turn about the first axis; then the centre is on e3.
+    # With the centre of mass on -e3, rotate the body axes by pi about the first axis; the centre is then on e3.
     half_turn = (0, 1, 0, 0)
     turned = [start[0], -start[1], -start[2]]
     momenta, attitudes = _Top(inertia, -weight, turned, list(quaternion_product(quaternion, half_turn))).motion(
@@ -149,7 +149,7 @@ class _Steady(_Frame):
 
 
 class _Nutation(_Frame):
-    """The height of the axis swings between the two lower roots: z = z1 + (z2 - z1) sn^2 u."""
+    """The height of the axis oscillates between the two lower roots: z = z1 + (z2 - z1) sn^2 u."""
 
     def __init__(self, top: _Top, times: NDArray[np.float64]):
         super().__init__(top, times)
@@ -183,7 +183,8 @@ class _Nutation(_Frame):
         first = self.functions.at(self.u0)
         c, s = self.halves(first)
         self.low0, self.high0 = self.phase(self.low, first), self.phase(self.high, first)
-        # Phases at the start. On a pole a Cayley-Klein parameter is zero, and its phase is that of its time derivative.
+        # Phases at the start. On a pole a Cayley-Klein parameter is zero, and its phase is the phase of its time
+        # derivative.
         w1, w2 = (real(ctx, p / top.inertia[0]) for p in top.start[:2])
         alpha = self.alpha / c if self.alpha != 0 else -self.beta * ctx.mpc(w1, -w2)
         beta = self.beta / s if self.beta != 0 else -self.alpha * ctx.mpc(w1, w2)
@@ -219,7 +220,7 @@ def _roots(ctx: Any, cubic: tuple[Fraction, ...], lower_pole: bool, upper_pole: 
     """The three real roots in increasing order; equal roots are exactly equal, and a root at a pole is exactly 1 or -1.
 
     For nearly equal roots Viete's formula is accurate to half of the digits. That is enough: the coefficients come from
-    float64 inputs, so roots that are not equal differ by far more than 1e-100.
+    float64 inputs, so unequal roots differ by far more than 1e-100.
     """
     a, b, c, d = cubic
     b, c, d = b / a, c / a, d / a
