@@ -1,0 +1,89 @@
+"""Plain words: counts of constructions that are hard to read, in the prose of the package and of the pages.
+
+`MOST` holds the allowed counts. They may only fall: where a count is lower than its number, lower the number.
+"""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PATTERNS = {
+    "that of": r"\bthat of\b",  # repeat the noun
+    "those of": r"\bthose of\b",
+    "fronted Of": r"\bOf\b(?= )",  # "For a body ..." or "If a body ..."
+    "decimal without zero": r"(?<![^\s(±-])\.\d",  # 0.1
+    "as fast as": r"\bas fast as\b",  # N times faster than
+    "asks": r"\basks\b",  # software requires, returns, raises
+    "knows": r"\bknows\b",
+    "whoever": r"\bwhoever\b",
+    "nobody": r"\bnobody\b",
+}
+MOST = {  # package, docs and README
+    "that of": (61, 59),
+    "those of": (56, 41),
+    "fronted Of": (16, 13),
+    "decimal without zero": (5, 64),
+    "as fast as": (1, 4),
+    "asks": (9, 8),
+    "knows": (7, 4),
+    "whoever": (0, 2),
+    "nobody": (4, 5),
+}
+
+
+def strings(node):
+    """The string constants below a node, without the format specifications of f-strings."""
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, str):
+            yield node
+    elif isinstance(node, ast.FormattedValue):
+        yield from strings(node.value)
+    else:
+        for child in ast.iter_child_nodes(node):
+            yield from strings(child)
+
+
+def of_module(source):
+    """Docstrings, other strings and comments of a module, with single spaces."""
+    lines, texts = source.split("\n"), []
+    for node in strings(ast.parse(source)):
+        texts.append(node.value)
+        if node.end_lineno > node.lineno:
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    for line in lines:
+        comment = re.search(r"(?:^\s*|  )# (.*)", line)
+        texts.append(comment[1] if comment else "\n")
+    return " ".join(" ".join(texts).split())
+
+
+def of_page(markdown):
+    """The prose of a page, without code and without what is written from docstrings, with single spaces."""
+    prose = re.sub(r"^<!-- api: .*?^<!-- /api -->$", "", markdown, flags=re.MULTILINE | re.DOTALL)
+    prose = re.sub(r"^( *)```.*?^\1```$|`[^`\n]*`", "", prose, flags=re.MULTILINE | re.DOTALL)
+    return " ".join(prose.split())
+
+
+@cache
+def areas():
+    package = " ".join(of_module(path.read_text()) for path in sorted(ROOT.glob("midlie_jax/**/*.py")))
+    pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+    return package, " ".join(of_page(page.read_text()) for page in pages)
+
+
+def counts(name):
+    return tuple(len(re.findall(PATTERNS[name], text)) for text in areas())
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_plain_words_become_more_common(name):
+    found = counts(name)
+    assert all(number <= most for number, most in zip(found, MOST[name], strict=True)), (found, MOST[name])
+
+
+if __name__ == "__main__":
+    for name in PATTERNS:
+        print(f'    "{name}": {counts(name)},')
