@@ -37,21 +37,7 @@ _RIVALS = {
 def convergence_chart(
     rows: Sequence[Row], path: str, *, title: str, reference: str, clock: str = "Time  [s]", timing: str = ""
 ) -> None:
-    """Draws the rows and writes a PNG.
-
-    Args:
-        rows: from `convergence.survey` or `measure`; rows that failed or have no finite error are left out.
-        path: file to write; an existing file is replaced.
-        title: the scene.
-        reference: the solution against which errors were measured.
-        clock: the label of the time axis.
-        timing: how times were measured.
-
-    Raises:
-        ImportError: matplotlib is missing.
-        ValueError: there is nothing to draw.
-        OSError: the file cannot be written.
-    """
+    """Draws the rows, except those that failed or have no finite error, and writes a PNG."""
     write(convergence_figure(rows, title=title, reference=reference, clock=clock, timing=timing), path)
 
 

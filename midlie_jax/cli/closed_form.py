@@ -87,12 +87,7 @@ class Ends(NamedTuple):
 def exact_ends(scene: Scene, starts: Iterable[np.ndarray]) -> Ends | None:
     """The ends in closed form, for a body without torque or a top symmetric about its third axis; otherwise None.
 
-    Args:
-        scene: its body, torque and duration are used.
-        starts: for each body the momentum and the attitude, concatenated to (7,).
-
-    Raises:
-        ImportError: mpmath is missing.
+    Each start is a momentum and an attitude, concatenated to (7,).
     """
     from . import oracles
 

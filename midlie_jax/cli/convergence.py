@@ -115,12 +115,6 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
     """A row for each method and rung, in that order, each as soon as it is computed.
 
     If a method raises an error, its rows report the error in `failure` and the next method is measured.
-
-    Args:
-        scene: from `midlie_jax.cli.scenes.scene`.
-        methods: names, MODULE:NAME, or methods, including methods made outside the package.
-        rungs: from `ladder`.
-        reference: from `find_reference`.
     """
     for method in chosen.methods(methods, scene.body):
         yield from _Ladder(scene, method, rungs, reference).rows()
@@ -158,16 +152,7 @@ def survey(
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
-    """The end of a scene: in closed form if one is known, otherwise by extrapolation.
-
-    Args:
-        scene: from `midlie_jax.cli.scenes.scene`.
-        finest: largest number of steps of the runs to be measured; the extrapolation starts from twice as many.
-
-    Raises:
-        ValueError: the reference run failed.
-        ImportError: a closed form needs mpmath.
-    """
+    """The end of a scene: in closed form if one is known, otherwise by extrapolation."""
     closed = _closed_form(scene)
     if closed is not None:
         return closed

@@ -36,7 +36,6 @@ def heading(figure: Any, title: str, note: str) -> None:
 
 
 def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
-    """Sets title, labels and grid of a panel, in the style of all charts."""
     axes.set_title(title, loc="left", fontsize=PANEL_TITLE, weight="bold", color=INK)
     axes.set_xlabel(x_label, color=INK)
     axes.set_ylabel(y_label, color=INK)
@@ -47,11 +46,7 @@ def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
 
 
 def write(figure: Any, path: str) -> None:
-    """Writes a PNG; an existing file is replaced.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Writes a PNG; an existing file is replaced."""
     whole = BytesIO()
     figure.savefig(whole, format="png")
     with open(path, "wb") as file:

@@ -36,11 +36,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def read(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a line.
-
-    Raises:
-        ValueError: the line is wrong; the message lists the allowed values.
-    """
+    """The options of a line."""
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
         parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], COMMANDS)}")

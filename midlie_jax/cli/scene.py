@@ -54,7 +54,6 @@ class Scene:
 
     @property
     def time_unit(self) -> str:
-        """The unit of time, such as "s"; "" if any consistent units may be used."""
         units = self.units.partition(";")[0].split(",")  # mass, length, time
         return units[-1].strip() if len(units) == 3 else ""
 

@@ -35,20 +35,7 @@ def stability_figure(
     note: str,
     time_unit: str,
 ) -> Any:
-    """The picture, a matplotlib figure.
-
-    Args:
-        maps: for each method a map of each sweep.
-        lines: the theoretical limits by (method, sweep).
-        steps: (n,).
-        sweeps: from `stability.sweeps`.
-        title: the scene.
-        note: a description of the runs.
-        time_unit: the unit of the steps.
-
-    Raises:
-        ImportError: matplotlib is missing.
-    """
+    """The picture, a matplotlib figure."""
     from matplotlib.colors import LogNorm
 
     columns, rows = len(maps), len(sweeps)
@@ -100,7 +87,6 @@ def _map(axes: Any, found: Map, steps: np.ndarray, sweep: Sweep, norm: Any) -> A
 
 
 def _edges(middles: np.ndarray, logarithmic: bool) -> np.ndarray:
-    """The edges of the cells around `middles`, which, or whose logarithms, are evenly spaced."""
     places = np.log(middles) if logarithmic else middles
     half = (places[1] - places[0]) / 2
     edges = np.append(places - half, places[-1] + half)
@@ -117,7 +103,6 @@ def _boundary(axes: Any, line: Line, sweep: Sweep) -> Any:
 
 
 def _legend(figure: Any, image: Any, drawn: Mapping[str, Any], width: float, height: float) -> None:
-    """The scale of colours, and the meaning of hatching, black and lines, below the panels."""
     from matplotlib.patches import Patch
 
     bar = figure.colorbar(

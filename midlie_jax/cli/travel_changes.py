@@ -65,7 +65,6 @@ def place_change(mass: Any, torque: Any, times: np.ndarray, states: TravellingSt
 
 
 def _terms(torque: Any) -> tuple[Any, ...]:
-    """The terms of a sum, also of sums in it; none without a torque."""
     if isinstance(torque, Sum):
         return tuple(inner for term in torque.terms for inner in _terms(term))
     return () if torque is None else (torque,)

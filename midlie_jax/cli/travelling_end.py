@@ -30,11 +30,7 @@ class End(NamedTuple):
 
 
 def travelling_end(scene: Scene) -> End | None:
-    """The end in closed form, or None if unknown.
-
-    Raises:
-        ImportError: mpmath is missing.
-    """
+    """The end in closed form, or None if unknown."""
     body, torque, start = scene.body, scene.torque, scene.start
     if isinstance(body, Rotor) and isinstance(start, AxisState) and (torque is None or isinstance(torque, HeavyTop)):
         # Its axis and spatial momentum equal those of a body with three equal moments.

@@ -99,7 +99,6 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
 
 
 def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) -> None:
-    """Raises unless the spins have the axes of the batch and of a lattice that fits the constants."""
     if len(shape) <= batch:
         raise ValueError(
             f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."

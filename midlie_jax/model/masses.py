@@ -81,5 +81,4 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
 
 
 def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
-    """Whether a mass of this form broadcasts over an array of this shape without changing the shape."""
     return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))

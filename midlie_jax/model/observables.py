@@ -227,7 +227,6 @@ def _travelling(state: Any) -> Any:
 
 
 def _velocity(body: Body, state: AnyState) -> Any:
-    """The velocity of each state of one body; or of n bodies, whose states have the leading axis n."""
     check_state("state", state)
     check_body(body, state)
 

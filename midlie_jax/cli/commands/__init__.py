@@ -51,12 +51,6 @@ _ACTIONS = {
 
 
 def act(options: argparse.Namespace) -> None:
-    """Runs the command of the parsed options.
-
-    Raises:
-        ValueError: an option is invalid.
-        ImportError: a package is missing.
-        OSError: a file could not be written.
-    """
+    """Runs the command of the parsed options."""
     jax.config.update("jax_enable_x64", True)  # must come before any array is created, including the arrays of scenes
     _ACTIONS[options.command](options)

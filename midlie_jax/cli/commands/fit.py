@@ -48,11 +48,7 @@ class Problem(NamedTuple):
 
 
 def fit(options: argparse.Namespace) -> None:
-    """Fits the data, prints the estimates, and writes a chart if requested.
-
-    Raises:
-        ValueError: the file or an option is wrong, or the fit is not ok; the message gives the reason.
-    """
+    """Fits the data, prints the estimates, and writes a chart if requested."""
     if options.out:
         require("matplotlib")
     problem = _problem(options)

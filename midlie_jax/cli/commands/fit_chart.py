@@ -17,20 +17,7 @@ def fit_chart(
     unit: str,
     path: str,
 ) -> None:
-    """Draws a fit and writes a PNG.
-
-    Args:
-        name: the name of the data.
-        times, rates: the measurements, (n,) and (n, 3), rad/s; NaN where missing.
-        curve_times, curves: the fitted motion, (m,) and (m, 3).
-        residuals: (n, 3), model minus measurement.
-        unit: the unit of the residuals.
-        path: file to write; an existing file is replaced.
-
-    Raises:
-        ImportError: matplotlib is missing.
-        OSError: the file cannot be written.
-    """
+    """Writes a PNG of a fit: rates (n, 3) in rad/s, NaN where missing; residuals (n, 3), model minus measurement."""
     figure = new_figure(11.0, 8.0)
     heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))

@@ -13,14 +13,7 @@ _SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
 
 
 def check_flight(path: str, table: Table, unit: float, moments: Sequence[float] | None) -> None:
-    """Raises if the speed changes more than for a free body, because the body was held in a part of the record.
-
-    Args:
-        path: the file.
-        table: its rows.
-        unit: one unit of time of the file, in seconds.
-        moments: the guess of the moments, if there is one.
-    """
+    """Raises if the speed changes more than for a free body, because the body was held in a part of the record."""
     complete = np.all(np.isfinite(table.rates), axis=1)
     if complete.sum() < _ROWS:
         return

@@ -5,11 +5,7 @@ from typing import Any
 
 
 def require(*packages: str) -> None:
-    """Checks that packages are installed, before minutes of measurements.
-
-    Raises:
-        ImportError: a package is not installed; the message names the extra that contains it.
-    """
+    """Checks that packages are installed, before minutes of measurements."""
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
         raise ImportError(f"this command needs {' and '.join(missing)}: pip install 'midlie_jax[cli]'.")

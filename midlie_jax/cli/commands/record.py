@@ -141,9 +141,6 @@ def save(record: Record, path: str) -> None:
 
     The .npz contains the arrays and a full description of the run, and can be read without pickle. The .csv has a line
     for each body and time: body, time, the components of the state, ok. For coupled bodies: copy, time, body and so on.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     (_save_csv if path.lower().endswith(".csv") else _save_npz)(record, path)
 

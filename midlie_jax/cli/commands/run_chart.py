@@ -28,16 +28,7 @@ _LEAST_RANGE = 1e-3  # smallest range of a panel of angular velocities, relative
 
 
 def run_chart(record: Record, path: str) -> None:
-    """Draws a run and writes a PNG.
-
-    Args:
-        record: of one body or many.
-        path: file to write; an existing file is replaced.
-
-    Raises:
-        ImportError: matplotlib is missing.
-        OSError: the file cannot be written.
-    """
+    """Draws a run and writes a PNG."""
     write(run_figure(record), path)
 
 
@@ -169,7 +160,6 @@ def _axis(record: Record) -> tuple[np.ndarray, str]:
 
 
 def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:
-    """Draws a band between percentiles of the bodies at each time; nothing for a single body."""
     finite = values[np.all(np.isfinite(values), axis=1)]
     if len(finite) > 1:
         axes.fill_between(times, *np.percentile(finite, _BAND, axis=0), color=colour, alpha=0.22, linewidth=0)

@@ -18,13 +18,7 @@ _COLUMNS = 3
 
 
 def store_chart(found: Inspection, path: str) -> None:
-    """Draws the run as far as it is computed, and writes a PNG.
-
-    Raises:
-        ValueError: nothing is computed yet.
-        ImportError: matplotlib is missing.
-        OSError: the file cannot be written.
-    """
+    """Draws the run as far as it is computed, and writes a PNG."""
     write(store_figure(found), path)
 
 

@@ -37,7 +37,6 @@ def fractions(name: str, values: ArrayLike, length: int) -> list[Fraction]:
 def read(
     moments: ArrayLike, momentum: ArrayLike, attitude: ArrayLike, times: ArrayLike
 ) -> tuple[list[Fraction], list[Fraction], list[Fraction], NDArray[np.float64]]:
-    """Moments, momentum, attitude and times, checked; the attitude is not yet normalised."""
     inertia = fractions("moments", moments, 3)
     if min(inertia) <= 0:
         raise ValueError(f"moments must be positive, got {moments!r}.")

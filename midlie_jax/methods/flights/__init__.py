@@ -29,7 +29,6 @@ from .three_axis import ThreeAxis as ThreeAxis
 
 
 def _rank(flight: Flight) -> tuple[bool, bool, bool, int, str]:
-    """The sort key: rigid bodies first, then symplectic, then exact (for any moments first), then higher order."""
     return (
         flight.body is not RigidBody,
         not flight.symplectic,

@@ -209,7 +209,6 @@ def _no_torque(term: Any) -> ValueError:
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """The sum of the values of two torques; an array counts as a wrench without a force."""
     wrenches = isinstance(a, Wrench) or isinstance(b, Wrench)
     return Wrench.of(a) + Wrench.of(b) if wrenches else jax.tree.map(operator.add, a, b)
 
@@ -229,7 +228,6 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
 
 
 def _with_terms(torque: Sum, terms: list[TorqueLike | None]) -> TorqueLike | None:
-    """The sum with other terms: itself if they are unchanged, None if all are None."""
     if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
         return torque
     return Sum(*terms) if any(term is not None for term in terms) else None

@@ -173,7 +173,6 @@ def as_key(key: Any) -> Array:
 
 
 def _friction(name: str, value: Any) -> Array:
-    """The friction as an array: nonnegative numbers, or symmetric tensors without a negative eigenvalue."""
     friction = as_floats(name, value)
     require_finite(name, friction)
     if friction.shape[-2:] != (3, 3) or is_traced(friction):
@@ -196,7 +195,6 @@ def _friction(name: str, value: Any) -> Array:
 
 
 def _check_one(name: str, friction: Array, state: AnyState, count: int | None, body: Body) -> None:
-    """Raises unless a friction belongs to one body, or has a row for each of `count` coupled bodies."""
     shape, tensor = friction.shape, friction.shape[-2:] == (3, 3)
     leading = shape[:-2] if tensor else shape[:-1]
     if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):

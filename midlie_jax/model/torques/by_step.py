@@ -234,7 +234,6 @@ def _slack(place: Array) -> Array:
 
 
 def _rows(name: str, value: Any, axes: int) -> Any:
-    """Finite vectors with at least this many axes, or a wrench of two such arrays."""
     if isinstance(value, Wrench):
         return Wrench(_rows(name, value.torque, axes), _rows(name, value.force, axes))
     array = _vectors(name, as_floats(name, value), axes)
@@ -243,7 +242,6 @@ def _rows(name: str, value: Any, axes: int) -> Any:
 
 
 def _vectors(name: str, array: Array, axes: int) -> Array:
-    """The array; a ValueError unless it holds vectors and has at least this many axes."""
     if array.ndim < axes or array.shape[-1] != 3:
         shape = "(K, 3), one row for each interval" if axes == 2 else "(3,), or (P, 3) with one row for each pulse"
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}; stack the vectors along the first axis.")

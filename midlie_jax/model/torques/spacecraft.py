@@ -36,7 +36,6 @@ from .travel import acts_on_one, through_air, travelling
 
 
 def _gain(name: str, value: Any) -> Array:
-    """A gain as an array: one nonnegative number, or one for each body axis (3,)."""
     gain = as_floats(name, value)
     if gain.ndim and gain.shape[-1] != 3:
         raise ValueError(

@@ -108,7 +108,6 @@ class _Place:
         return self.state.in_one_frame(_E3, vector)[1]
 
     def inertia_times(self, v: cp.Vector) -> cp.Vector:
-        """The inertia tensor times a vector, both in the frame of the momentum."""
         turning = self.body.body
         if not isinstance(turning, Rotor):
             return cp.vector(turning.momentum(cp.pack(v)))
