@@ -101,7 +101,6 @@ class AttitudeFile:
         return np.concatenate([segment.attitudes for segment in self._of_one()])
 
     def _of_one(self) -> tuple[Segment, ...]:
-        """The segments; a ValueError unless they describe one motion in one frame."""
         for keyword in ("OBJECT_ID", "REF_FRAME_A", "REF_FRAME_B"):
             names = {segment.metadata[keyword].upper() for segment in self.segments}
             if len(names) > 1:

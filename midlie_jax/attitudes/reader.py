@@ -57,13 +57,6 @@ class _Line(NamedTuple):
 
 
 class _Reader(NamedTuple):
-    """Reads one file.
-
-    Attributes:
-        file: its name, for messages.
-        body, frames: as for `read`.
-    """
-
     file: str
     body: str | None
     frames: tuple[str, ...]

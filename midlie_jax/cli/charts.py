@@ -97,7 +97,6 @@ class _Panels:
         *,
         finest: str,
     ) -> None:
-        """Draws one panel; names of lines are written on the side of the smallest steps, `finest`."""
         axes.set(xscale="log", yscale="log")
         panel(axes, title, x_label, y_label)
         ends = []
@@ -121,7 +120,6 @@ class _Panels:
 
 
 def _limits(axes: Any) -> None:
-    """Sets the limits of a panel close around its lines, with space below them for the guides."""
     lines = [line for line in axes.lines if len(line.get_xdata())]
     x = np.log10(np.concatenate([line.get_xdata() for line in lines]))
     y = np.log10(np.concatenate([line.get_ydata() for line in lines]))
@@ -131,7 +129,6 @@ def _limits(axes: Any) -> None:
 
 
 def _guides(axes: Any, finest: str) -> None:
-    """Draws the slopes of orders 1 and 2 in the free corner."""
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
     length = min(0.15 * (x1 - x0), 0.14 * (y1 - y0))
     inset, sign, align = 0.12 * (x1 - x0), (1 if finest == "left" else -1), ("left" if finest == "left" else "right")

@@ -44,7 +44,6 @@ def method(chosen: str | Method) -> Method:
 
 
 def _is_free(own: Method) -> bool:
-    """Whether no other method of this package has the name of this method."""
     try:
         return bool(as_method(own.name) == own)
     except ValueError:

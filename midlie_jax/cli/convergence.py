@@ -129,10 +129,7 @@ def survey(
 ) -> tuple[list[Row], int]:
     """The rows of `measure`, with times from several rounds over all methods.
 
-    Args:
-        scene, methods, rungs, reference: as for `measure`.
-        report: callback that is called with each row once its errors are computed; the row then has the time of the
-            first round.
+    `report` is called with each row of the first round.
 
     Returns:
         The rows, and the number of rounds, which is smaller if rounds take seconds.
@@ -160,14 +157,12 @@ def find_reference(scene: Scene, finest: int) -> Reference:
 
 
 def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
-    """The compiled method on copies of a scene; it can run any multiple of `coarsest` steps."""
     starts = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
     unroll = method.unroll if coarsest % method.unroll == 0 else 1
     return Program(method, scene.body, scene.torque, starts, unroll=unroll)
 
 
 def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
-    """The final state of the first copy, as NumPy arrays, and whether all copies are ok."""
     states, ok = program.run(dt, steps)
     return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
 
@@ -218,7 +213,6 @@ class _Ladder:
         )
 
     def _time(self, program: Program, row: Row, laps: int) -> None:
-        """Times the first steps of a run, as many as on the coarsest rung."""
         for _ in range(laps):
             self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
 

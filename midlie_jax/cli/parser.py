@@ -65,13 +65,11 @@ def _only_with_store(run: argparse.ArgumentParser, found: argparse.Namespace, st
 
 
 def _choice(name: str, known: Sequence[str]) -> str:
-    """A hint after a wrong name: the most similar known name, or else all known names."""
     close = get_close_matches(name, known, n=1)
     return f"did you mean {close[0]}?" if close else f"choose from {', '.join(known)}"
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The parser of `midlie`, and the parser of each command by its name."""
     parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
     parser.add_argument("--version", action=_ShowVersion)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)

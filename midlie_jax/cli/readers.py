@@ -12,7 +12,6 @@ MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
 def whole(least: int, most: int | float = math.inf) -> Callable[[str], int]:
-    """A reader of integers, which may also be written as 1e3."""
     span = f"at least {least}" + (f" and at most {most}" if math.isfinite(most) else "")
 
     def read(text: str) -> int:
@@ -76,7 +75,6 @@ def sequence(text: str) -> str:
 
 
 def file_or_store(text: str) -> str:
-    """The name of a file, checked immediately, or of a store, which may exist already."""
     if Path(text).suffix.lower() == ".zarr":
         return text
     return file(".npz", ".csv", ".zarr")(text)

@@ -171,17 +171,7 @@ def _field_rate(scene: Scene) -> float:
 def measure(
     method: str | Method, scene: Scene, steps: np.ndarray, varied: Sequence[Sweep], number: int = STEPS
 ) -> list[Map]:
-    """The maps of a method, one for each sweep: `number` steps of each length for each value, as one batch.
-
-    Args:
-        method: a name, or a method, which may be a custom one.
-        scene: the scene that was varied.
-        steps, varied: from `sweeps`.
-        number: steps of each run.
-
-    Raises:
-        ValueError: the method does not support rigid bodies, or not the bodies of the scene.
-    """
+    """The maps of a method, one for each sweep: `number` steps of each length for each value, as one batch."""
     (method,) = chosen.methods([method])
     rows = [
         np.concatenate([np.repeat(getattr(s, name), len(steps), axis=0) for s in varied])

@@ -252,7 +252,6 @@ def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[An
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
-    """The memory at the time t if there is no previous step: the torque at t, and no history."""
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
     return Memory.of(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))

@@ -354,7 +354,6 @@ def _carry(
     no_step: Array,
     known: Known | None,
 ) -> tuple[Flown, Any, Array | bool]:
-    """An exact flight of momentum and pose, traced once, like `_fly`."""
     flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, known)
     ok = True if known is not None else flight.verdict(inertia, h, motion.momentum)
     return flown, pose, ok

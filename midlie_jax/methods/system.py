@@ -332,7 +332,6 @@ def _zeros(momentum: P) -> P:
 
 
 def _check_force(kind: type[AnyState], returned: Any, momentum: Any) -> None:
-    """Raises a ValueError unless the torque returned arrays with the form, shapes and dtype of the momentum."""
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
         if kind.several:
             shapes = sorted({str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned)})

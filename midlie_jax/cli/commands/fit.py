@@ -135,7 +135,6 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _within(options: argparse.Namespace, field: Field) -> Field:
-    """The rows of the magnetometer file between --from and --to, which are in the unit of DATA.csv."""
     unit = UNITS_OF_TIME[options.time_unit or "s"]
     kept = np.ones(len(field.times), bool)
     if options.first is not None:
@@ -148,7 +147,6 @@ def _within(options: argparse.Namespace, field: Field) -> Field:
 
 
 def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
-    """Raises unless the records of magnetometer and gyroscope overlap, and the former began at most a radian before."""
     units = "check the units of time (--time-unit, --magnetometer-time-unit) and that both count from the same moment"
     if field.times[0] > table.times[-1] or field.times[-1] < table.times[0]:
         raise ValueError(

@@ -122,7 +122,6 @@ def read_field(path: str, wanted: FieldColumns) -> Field:
 
 
 def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
-    """The columns with the names `named(header)`, time first; `options` are the options that name columns."""
     text = _text(path)
     rows = _rows(path, text)
     if len(rows) < 2:
@@ -196,7 +195,6 @@ def _places(path: str, line: int, header: list[str], names: list[str], options: 
 
 
 def _check_order(path: str, header: list[str], names: list[str]) -> None:
-    """Raises if the first four columns are named as time and rates in another order."""
     cure = "name the columns of time and of the rates about axes 1, 2, 3 by --columns."
     elsewhere = [name for name in header[1:] if _is_time(name)]
     if elsewhere and not _is_time(names[0]):
@@ -226,14 +224,12 @@ def _words(name: str) -> list[str]:
 
 
 def _check_time_unit(name: str, unit: str | None, option: str) -> None:
-    """Raises if the name of the time column contains another unit than the given one."""
     said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(_words(name))), None)
     if said is not None and said != (unit or "s"):
         raise ValueError(f"column {name!r} is in {said} by its name; give {option} {said}, or rename it.")
 
 
 def _check_rate_units(names: list[str], unit: str) -> None:
-    """Raises if the name of a rate column contains another unit than the given one."""
     for name in names:
         said = next((unit for unit, known in _NAMED_RATES.items() if set(known) & set(_words(name))), None)
         if said is not None and said != unit:
@@ -241,7 +237,6 @@ def _check_rate_units(names: list[str], unit: str) -> None:
 
 
 def _check_length(path: str, line: int, header: list[str], row: list[str]) -> None:
-    """Raises unless the row has a cell for each name; separators at the end of a line are ignored."""
     if len(row) < len(header) and any(header[len(row) :]):
         raise ValueError(
             f"{path}, line {line} has {len(row)} cells and the header {len(header)}: the row is "
@@ -274,7 +269,6 @@ def _is_number(text: str) -> bool:
 
 
 def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> None:
-    """Raises unless all times are present and none is before the previous one."""
     missing = np.flatnonzero(np.isnan(times))
     if missing.size:
         raise ValueError(f"{path}, line {lines[missing[0]]}: {name} is missing; delete the row or complete it.")

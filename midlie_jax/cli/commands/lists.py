@@ -115,7 +115,6 @@ def _parameters(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _numbers(array: Any) -> str:
-    """The numbers in one line; for many rows, the first and the last."""
     if np.ndim(array) and np.size(array) > _MOST_NUMBERS:
         return f"{_numbers(array[0])}, ..., {_numbers(array[-1])}"
     text = np.array2string(np.asarray(array), precision=7, separator=", ", max_line_width=1000)

@@ -56,7 +56,6 @@ def _save_every(steps: int) -> int:
 
 
 def inspect_run(options: argparse.Namespace) -> None:
-    """Prints what a store holds, checks it, and draws it if requested."""
     require("zarr")
     if options.plot:
         require("matplotlib")
@@ -74,7 +73,6 @@ def inspect_run(options: argparse.Namespace) -> None:
 
 
 def _draw(found: Inspection, path: str) -> None:
-    """Draws the states of the run of a scene with their errors; for any other run, its content."""
     record = _record(found)
     if record is None:
         from .store_chart import store_chart

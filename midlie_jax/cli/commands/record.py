@@ -25,7 +25,6 @@ _FRAMES = {
 
 
 def columns(state: Any) -> dict[str, tuple[str, ...]]:
-    """For each field of a kind of state, the names of its components."""
     return {
         name: tuple(f"{name}_{letter}" for letter in COORDINATES[dims[-1]])
         for name, (dims, _) in state.described().items()
@@ -67,7 +66,6 @@ class Record(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
-        """The record of a path of `integrate` with a leading axis of bodies."""
         momenta, attitudes, *travel = (np.asarray(leaf) for leaf in jax.tree.leaves(path.states))
         times, ok, first_bad = map(np.asarray, (path.times[0], path.ok, path.first_bad))
         run = scene, method, dt, steps, size, seed
@@ -176,7 +174,6 @@ def _save_npz(record: Record, path: str) -> None:
 
 
 def _of_states(record: Record) -> dict[str, Any]:
-    """The arrays of the states, with the frames and names of their components."""
     start, found = record.scene.start, dict[str, Any]()
     arrays = record.momenta, record.attitudes, *record.travel
     for (name, columns), array in zip(record.columns.items(), arrays, strict=True):

@@ -101,7 +101,6 @@ def _save_every(steps: int, bodies: int, most: int) -> int:
 def _integrated(
     method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
 ) -> tuple[Path[Any], float, Timing]:
-    """The path of all bodies, the seconds of compiling, and the timing of the runs."""
     rest = steps % every
 
     def path_of_body(start: Any, dt: Any) -> Any:
@@ -134,7 +133,6 @@ def _integrated(
 
 
 def _since(path: Path[Any]) -> str:
-    """The time of the first failure of a body, for the report; "" if there was none."""
     if bool(np.all(path.ok)):
         return ""
     last_good = int(np.min(path.first_bad)) - 1

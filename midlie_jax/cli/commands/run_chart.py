@@ -132,7 +132,6 @@ def _remark(axes: Any, text: str) -> None:
 
 
 def _plot(axes: Any, times: np.ndarray, values: np.ndarray, colour: str, line: bool = True) -> None:
-    """Draws a line, with dots if there are few states; or, without `line`, dots only."""
     few = len(times) < _FEW
     style = {"marker": "." if few or not line else "", "markersize": 6.0 if few else 1.5}
     axes.plot(times, values, color=colour, linewidth=1.0, linestyle="-" if line else "", **style)

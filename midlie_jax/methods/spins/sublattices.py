@@ -253,7 +253,6 @@ class _Parts(eqx.Module):
         return cls(names, own, system)
 
     def field(self, number: int, t: Array, spin: Any) -> Any:
-        """The field on a sublattice; None for a part that needs none."""
         name, checkered = self.names[number], self.system.inertia.checkered
         if not isinstance(name, int):
             return None
@@ -280,7 +279,6 @@ class _Parts(eqx.Module):
 
 
 def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
-    """The spins of a sublattice after a time in their field; the others are unchanged."""
     moved = turned(spin, cp.scale(spins.rate * time, field))
     if spins.damping is not None:
         moved = damped(moved, field, spins.damping * spins.rate * time)
