@@ -187,9 +187,7 @@ def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], prob
 
 
 def require_numbers(caller: str, *values: Any) -> None:
-    """Raises if any leaf of the values is traced, or if every new array would be, for a function that needs concrete
-    numbers.
-    """
+    """Raises if a leaf of the values is traced, or if every new array would be."""
     traced = is_traced(*values)
     if traced or is_traced(jnp.zeros(())):
         what = "an argument is traced" if traced else "it is called within a function that is traced"

@@ -22,8 +22,7 @@ def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
 
 
 def unit(spin: cp.Vector) -> cp.Vector:
-    """Spins with lengths corrected if they differ from one by more than a hundred rounding errors; others are
-    unchanged.
+    """Spins with lengths corrected if these differ from one by over a hundred rounding errors.
 
     The digits of an ordinary run then do not depend on the compilation of this sum.
     """

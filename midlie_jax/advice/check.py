@@ -43,8 +43,7 @@ _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeed
 
 
 class Check(NamedTuple):
-    """Whether a step is sane, that is, stable (not accurate). For a batch of states each number refers to the worst
-    state.
+    """Whether a step is sane, that is, stable (not accurate). For a batch, each number is for the worst state.
 
     It prints as a short text. A sane step can lose the phase of a motion completely within the run; see `error`.
 

@@ -80,9 +80,7 @@ class Candidate:
 
 
 def _place(states: Any, length: float | None) -> np.ndarray:
-    """The compared quantities of the first of several states: rotation matrix, axis or direction; position over
-    `length`.
-    """
+    """The compared quantities of the first state: rotation matrix, axis or direction; position over `length`."""
     if hasattr(states, "attitude"):
         orientation = so3.to_matrix(states.attitude[0])
     else:
@@ -134,9 +132,7 @@ def ends_of(ladder: dict[int, Run]) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def fastest_seconds(runs: dict[str, dict[int, Run]], tolerance: float) -> float:
-    """Seconds of the fastest run so far whose end is within the tolerance of the last end of its ladder; infinity if
-    none is.
-    """
+    """Seconds of the fastest run so far within the tolerance of the last end of its ladder; infinity if none."""
     seconds = [math.inf]
     for ladder in runs.values():
         ordered = [run for _, run in sorted(ladder.items())]

@@ -200,8 +200,7 @@ def recommend(
 def candidates(
     body: Body, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
-    """The methods that `recommend` tries: schemes with the exact flight of the body, from high order to low; others
-    last.
+    """The methods for `recommend`: schemes with the exact flight of the body, from high order to low; then others.
 
     Args:
         reads_momentum: whether the torque depends on the momentum.

@@ -109,9 +109,7 @@ def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
 
 
 def _way_of_a_radian(scene: Scene) -> Array:
-    """The distance that the body travels at the start per radian of rotation; 0 without rotation; for several bodies a
-    mean.
-    """
+    """The distance travelled at the start per radian of rotation; 0 without rotation; a mean over several bodies."""
     velocity = scene.start.linear / scene.body.mass[..., None]
     speed, rate = (jnp.sqrt(jnp.sum(v**2)) for v in (velocity, scene.body.velocity(scene.start.momentum)))
     return jnp.where(rate > 0, speed / jnp.where(rate > 0, rate, 1), 0)

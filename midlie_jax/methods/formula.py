@@ -29,9 +29,7 @@ class Formula(Protocol):
 
     @property
     def reach(self) -> float:
-        """The largest rotation h |Omega| of a step, in radians, beyond which a step of a free body can have an error of
-        0.01.
-        """
+        """The largest rotation h |Omega| of a step, in radians, above which the error can be 0.01."""
         ...
 
     def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:

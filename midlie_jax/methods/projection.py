@@ -151,9 +151,7 @@ def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) ->
 
 
 def _size_of_energy(system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion) -> Array:
-    """Kinetic energy plus potential energy plus the work of the torque in a rotation of one radian, in the unit of
-    `change`.
-    """
+    """Kinetic and potential energy plus the work of the torque over one radian, in the unit of `change`."""
     turning = cp.times(system.inertia.spins, system.inertia.travel(h, motion.momentum))
     torque = sum(map(jnp.abs, system.force(t1, motion)), jnp.zeros_like(h))
     potential = jnp.abs(_potential_energy(system, t0, motion))

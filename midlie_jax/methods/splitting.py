@@ -217,9 +217,7 @@ class Splitting(Method):
     def _step_in_one_loop(
         self, stages: "_Stages", motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """`_step_in_loop` for a step that begins with a kick, with all flights in the loop, which holds the only
-        torque.
-        """
+        """`_step_in_loop` for a step that begins with a kick; the loop holds all flights and the only torque."""
         kicks, flights, times = self.scheme.columns()
         force = stages.evaluate(0.0, 0.0, motion) if force is None else force
 

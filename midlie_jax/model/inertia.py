@@ -61,8 +61,7 @@ class Inertia(NamedTuple):
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
-        """(h |Omega|)^2 at the start, and the largest value for which the equation of a midpoint flight has one small
-        root.
+        """(h |Omega|)^2 at the start, and its largest value for a single small root of a midpoint flight.
 
         y is `travel(h, momentum)`. If the momentum lies close to the thin axis of a slender body, the body starts with
         many rotations per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search
@@ -76,8 +75,7 @@ class Inertia(NamedTuple):
         return cp.times(self.inverses, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """I^-1 T x T, the rate of change of the components of a torque T while the body rotates with the velocity I^-1
-        T.
+        """I^-1 T x T, the rate of change of the components of a torque T under rotation with the velocity I^-1 T.
 
         Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. Computed from the difference of the inverse moments it
         is exactly zero where I_j = I_k; as a difference of products it would be zero only up to rounding.

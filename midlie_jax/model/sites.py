@@ -175,9 +175,7 @@ def wrench_on_sites(state: AnyState, points: Any, forces: Any) -> Wrench:
 
 
 def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | None]:
-    """The vectors R s from the centre to each site, space frame, as components; and the columns of R, or None for an
-    axis.
-    """
+    """The vectors R s from the centre to each site, space frame; and the columns of R, or None for an axis."""
     points = as_floats("points", points)
     batch = state.momentum.shape[:-1]
     if points.ndim < 2 or points.shape[-1] != 3 or points.shape[-2] == 0 or points.shape[:-2] not in ((), batch):

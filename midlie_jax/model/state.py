@@ -84,18 +84,14 @@ class State(eqx.Module, Generic[P, Q]):
 
     @classmethod
     def unchecked(cls, **arrays: Any) -> Any:
-        """The state with these arrays, without the checks of the class, because the arrays of a failed run may hold
-        NaN.
-        """
+        """The state with these arrays, unchecked, because the arrays of a failed run may hold NaN."""
         state = object.__new__(cls)
         for name, array in arrays.items():
             object.__setattr__(state, name, array)
         return state
 
     def kind_of_run(self, torque: Traits | None) -> "type[State[P, Q]]":
-        """The class in whose form a run moves the state, given the traits of the torque; by default the state's own
-        class.
-        """
+        """The class in whose form a run moves the state under a torque with these traits; by default its own."""
         del torque
         return type(self)
 

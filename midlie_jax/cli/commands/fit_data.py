@@ -282,9 +282,7 @@ def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> 
 
 
 def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
-    """Raises if one row is far faster than the others, because the speed of a free body varies at most by the ratio of
-    its moments.
-    """
+    """Raises if one row is far faster than the others; a free body's speed ratio cannot exceed its moment ratio."""
     speeds = np.linalg.norm(rates, axis=1)
     usual = np.median(speeds[~np.isnan(speeds)]) if not np.all(np.isnan(speeds)) else 0.0
     fastest = int(np.argmax(np.nan_to_num(speeds, posinf=np.inf)))

@@ -102,9 +102,7 @@ class Sublattices(Method):
         return True
 
     def keeps_force(self, system: System) -> bool:
-        """Whether the field on the first sublattice at the end of a step is kept: it is constant while that sublattice
-        rotates.
-        """
+        """Whether the first sublattice's field at the end of a step is kept: it is constant during its rotation."""
         reused = self.scheme.reuses_force and not self.random
         return system.keeps_torque and reused and system.inertia.checkered is None
 
@@ -193,9 +191,7 @@ class Sublattices(Method):
     def _step_in_loop(
         self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
     ) -> tuple[Any, Any]:
-        """`_step_unrolled` as a loop: an iteration is a step X and an adjoint step X* of `word.py`, without its last
-        rotation.
-        """
+        """`_step_unrolled` as a loop of steps X and adjoint steps X* of `word.py`, without the last rotation of X*."""
         first, last = 0, len(parts.names) - 1
         middle = [*range(1, last)]
         if self.scheme.stages[0][0] != KICK:
@@ -261,9 +257,7 @@ class _Parts(eqx.Module):
         return self.system.force(t, Motion(spin, ()))
 
     def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
-        """The spins after a part has rotated for a time, and the field on it: the given one, or the field at the time
-        t.
-        """
+        """The spins after a part has rotated for a time, and the field on it, given or at the time t."""
         name, on = self.names[number], self.system.inertia
         if isinstance(name, tuple):
             own = partial(_own_turn, on.spins, *self.own[name[1]], time)

@@ -79,8 +79,7 @@ class DirectionState(BodyState[cp.Vector]):
         return eqx.tree_at(lambda s: s.direction, self, of_unit_length(self.direction))
 
     def plus(self, increment: Array) -> "DirectionState":
-        """The state with the momentum changed by increment[..., :3] and the direction rotated by increment[..., 3:],
-        (2,).
+        """The state with momentum changed by increment[..., :3] and direction rotated by increment[..., 3:], (2,).
 
         The second part lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
         """

@@ -204,8 +204,7 @@ class FreeState(TravellingState):
 
 
 class FreeAxisState(TravellingState):
-    """The state of a symmetric body that rotates and translates, with its axis in place of its attitude: twelve
-    numbers.
+    """The state of a symmetric body that rotates and translates, with an axis as its pose: twelve numbers.
 
     Attributes:
         momentum: angular momentum pi about the centre of mass, space frame, (..., 3).

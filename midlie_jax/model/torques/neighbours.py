@@ -48,9 +48,7 @@ class NeighbourField(SpinField):
         return self.field_of(self.near(spin), spin[0].ndim)
 
     def near(self, spin: cp.Vector) -> Near:
-        """For each lattice site the spin at the next site (step 1) or the previous one (-1) along an axis; zero if
-        none.
-        """
+        """For each lattice site the next spin (step 1) or the previous one (-1) along an axis; zero if none."""
         return lambda axis, step: shifted(spin, axis, step, self.closes(axis))
 
 
