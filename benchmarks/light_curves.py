@@ -21,7 +21,7 @@ from scipy.optimize import least_squares  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting, observe  # noqa: E402
-from midlie_jax.fitting.layout import Layout  # noqa: E402
+from midlie_jax.fitting.parameters import Layout  # noqa: E402
 
 PAGE = "reports/applications.md"
 BEGIN, END = "<!-- light curves -->", "<!-- /light curves -->"

@@ -16,7 +16,6 @@ import pathlib  # not `from pathlib import Path`, because `Path` is a public nam
 import re
 import sys
 from importlib import import_module
-from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -26,9 +25,7 @@ _WHERE = {
     name: module.removesuffix(".as_typed")
     for module, name in re.findall(r"^from \.([\w.]*) import (\w+) as \2$", _STUB, re.MULTILINE)
 }
-# What an extra brings is shown where the extra is installed.
-_SHOWN = [name for name in _WHERE if name not in ("fit", "fitting") or find_spec("optimistix")]
-__all__ = [*_SHOWN]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
@@ -55,7 +52,7 @@ def _folder(name: str) -> ModuleType:
 
 
 def __dir__() -> list[str]:
-    return [*_SHOWN, "__version__"]
+    return [*_WHERE, "__version__"]
 
 
 class _Package(ModuleType):

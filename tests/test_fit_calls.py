@@ -11,7 +11,7 @@ from test_fitting import MARKERS, SUN
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.fitting.measurements import Attitudes, Directions, Positions, Rates
+from midlie_jax.fitting.instruments import Attitudes, Directions, Positions, Rates
 from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, Positive, UnitQuaternion
 
 
@@ -67,11 +67,17 @@ def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
     import optax
     import optimistix as optx
 
-    solver = optx.OptaxMinimiser(optax.adam(0.05), rtol=1e-7, atol=1e-7)
+    def solver(residuals, start, max_steps):
+        adam = optx.OptaxMinimiser(optax.adam(0.05), rtol=1e-7, atol=1e-7)
+        found = optx.least_squares(lambda x, _: residuals(x), adam, start, max_steps=max_steps, throw=False)
+        return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
+
     rates = np.asarray(spin().values)
     start = {"rate": Free([0.0, 0.0, 0.0])}
     with jax.numpy_dtype_promotion("standard"):  # optax mixes float and int32
         found = ml.fit(still, start, spin(), method="RK4", dt=1.0, solver=solver, max_steps=5000)
+    assert found.ok
+    assert found.steps > 10
     np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
 
 
@@ -99,18 +105,20 @@ WRONG = {
     "attitude not unit": (lambda: UnitQuaternion([1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
     "before the start": (lambda: try_fit(spin(), t0=1.0), "before the start at t0 = 1"),
     "negative step": (lambda: try_fit(spin(), dt=-1.0), "dt must be a positive"),
-    "too few rows": (lambda: try_fit(spin(n=1)), "3 measured numbers are too few for 3 unknowns"),
+    "too few rows": (lambda: try_fit(spin(n=1)), r"more numbers than the 3 unknowns .*, got 3; give at least 4"),
     "no measurement": (lambda: try_fit([]), "measurements must be"),
-    "no parameter": (lambda: try_fit(spin(), guess={}), "guess holds no parameter"),
+    "no parameter": (lambda: try_fit(spin(), guess={}), "guess must hold a parameter, got none"),
     "a number as parameter": (lambda: try_fit(spin(), guess={"rate": jnp.zeros(3)}), "wrap it"),
     "an unknown bias": (lambda: try_fit(spin(bias="drift")), "'drift', which is not in the guess"),
     "no attitude": (lambda: try_fit(Attitudes(TIMED, np.eye(4)[[0] * 5], 0.1)), "return a RigidState"),
     "another method": (lambda: try_fit(spin(), method="EULER"), "unknown"),
-    "many segments": (lambda: try_fit(spin(), segments=9), "too many"),
+    "many segments": (lambda: try_fit(spin(), segments=9), "segments must not be too many for the steps, got 9"),
     "half a start": (lambda: try_fit(spin(), starts=0), "starts must be"),
     "another model": (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
     "degrees for radians": (lambda: try_fit(in_degrees(), guess={"rate": Free([0.1, 0.2, 0.3])}), "np.deg2rad"),
     "times in another unit": (lambda: try_fit(spin(times=1e9 * TIMED)), "4e\\+09 steps after t0"),
+    "a solver that is no function": (lambda: try_fit(spin(), solver=lambda x: x), "solver must be a function of"),
+    "a solver with a span": (lambda: try_fit(spin(), solver=lambda *x: x, first_span=1.0), "first_span must be None"),
     "unsorted states": (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
 }
 

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.fitting.conventions import check_conventions
-from midlie_jax.fitting.measurements import Attitudes, Rates
+from midlie_jax.fitting.checks import check_conventions
+from midlie_jax.fitting.instruments import Attitudes, Rates
 
 CONJUGATED = np.array([1.0, -1, -1, -1])
 WRONG = {

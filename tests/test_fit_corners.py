@@ -10,7 +10,7 @@ from test_fit_parameters import TENSOR
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.fitting.measurements import Directions, Rates
+from midlie_jax.fitting.instruments import Directions, Rates
 from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, UnitQuaternion
 
 METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method

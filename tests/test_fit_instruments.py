@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.fitting.identifiability import complaint
-from midlie_jax.fitting.layout import Layout
+from midlie_jax.fitting.estimate import complaint
+from midlie_jax.fitting.parameters import Layout
 
 METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method
 MOMENTS, RATE, LATE = np.array([1.0, 2.0, 2.5]), np.array([0.5, 0.3, 0.4]), 0.037

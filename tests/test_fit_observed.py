@@ -76,9 +76,9 @@ def sideways(measured, state):
 
 
 def turn_to_z(measured, seen):
-    from midlie_jax.fitting.measurements.instruments import _perpendicular
+    from midlie_jax.fitting.instruments import perpendicular
 
-    first, second = (x[0] for x in _perpendicular(measured[None]))
+    first, second = (x[0] for x in perpendicular(measured[None]))
     across = jnp.stack([seen @ first, seen @ second])
     sine = jnp.sqrt(jnp.sum(across**2))
     return across * jnp.arctan2(sine, seen @ measured) / sine
@@ -261,16 +261,16 @@ WRONG = {
     ),
     "a vector for a number": (
         lambda: prepared(function=lambda t, s, b, v: s.momentum),
-        r"returns shape \(3,\) for each time, and values have \(\)",
+        r"function must return shape \(\), as values at one time, got \(3,\)",
     ),
-    "a number for a vector": (lambda: prepared(values=SHOWN[:, None]), r"returns shape \(\).* values have \(1,\)"),
+    "a number for a vector": (lambda: prepared(values=SHOWN[:, None]), r"return shape \(1,\).*, got \(\)"),
     "another dtype": (
         lambda: prepared(function=lambda t, s, b, v: speed(t, s, b, v).astype("float32")),
-        "returns float32, and values are float64",
+        "function must return float64, as values are, got float32",
     ),
     "a parameter that is not": (
         lambda: prepared(function=lambda t, s, b, v: v["fast"]),
-        "asks for 'fast', which is not",
+        "parameters of the guess, got 'fast', which is not",
     ),
     "infinite": (lambda: observed(values=np.full(5, np.inf)), "must be finite, or NaN where missing"),
     "all missing": (lambda: observed(values=np.full(5, np.nan)), "NaN in every row"),

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.fitting.identifiability import Spectrum, confounded
-from midlie_jax.fitting.layout import Layout
-from midlie_jax.fitting.measurements import Attitudes, Directions, Positions, Rates
-from midlie_jax.fitting.parameters import Free, Moments, Positive, UnitQuaternion
-from midlie_jax.fitting.residuals import Data, jacobian_of
+from midlie_jax.fitting.estimate import Spectrum, confounded
+from midlie_jax.fitting.instruments import Attitudes, Directions, Positions, Rates
+from midlie_jax.fitting.parameters import Free, Layout, Moments, Positive, UnitQuaternion
+from midlie_jax.fitting.problem import Data, jacobian_of
 
 METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method
 

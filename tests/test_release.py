@@ -25,7 +25,6 @@ TESTED = (
     "oracle",
     "io",
     "cli",
-    "fit",
     "molecules",
     "test",
 )  # the extras that `make test-lowest` installs

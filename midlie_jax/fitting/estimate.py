@@ -1,6 +1,13 @@
-"""`Estimate`: the result of a fit as arrays, for one data set or, with leading axes, for many."""
+"""The result of a fit as arrays: values with covariance, how the fit ended, and what the data determine.
 
-from typing import Any
+What they determine is read from the singular values of the Jacobian with columns of length one. A column is the
+derivative of all residuals with respect to one unconstrained number. A combination of numbers that changes no residual
+is a null vector of the Jacobian, and its parameters cannot be told apart.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,16 +17,92 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit  # SciPy comes with JAX
 
-from .identifiability import Spectrum
-from .misfit import explained, remainders_of, within_sigmas
-from .residuals import Data
-from .result import code_of
+from .noise import explained, remainders_of, within_sigmas
+from .parameters import InertiaTensor, Moments, Parameter, UnitQuaternion
+from .problem import Data
 
 CONFIDENCE = 0.95
+_SHARE = 0.1  # a number belongs to a null vector if its entry is at least this share of the largest
+
+
+class Result(Enum):
+    """How a fit ended, and what this means; `Fit.message` says more about a particular fit.
+
+    If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, MISFIT, UNDETERMINED.
+
+    Examples:
+        >>> ml.fitting.Result.of(0) is ml.fitting.Result.FITTED
+        True
+        >>> ml.fitting.Result.NOT_CONVERGED.code, ml.fitting.Result.NOT_CONVERGED.value
+        (2, 'the optimiser did not converge within its most steps')
+    """
+
+    FITTED = "the optimiser converged, the residuals can be noise, and the measurements determine all parameters"
+    RUN_FAILED = "a run of the model failed: a solve, a turn too large for a step, or a number that is not finite"
+    NOT_CONVERGED = "the optimiser did not converge within its most steps"
+    UNDETERMINED = "the measurements do not determine all parameters"
+    MISFIT = "the residuals cannot be noise: they exceed the known sigmas, or are not small relative to the signal"
+
+    @property
+    def code(self) -> int:
+        """The number of this result in `Estimate.result`; 0 is FITTED."""
+        return list(Result).index(self)
+
+    @classmethod
+    def of(cls, code: int) -> "Result":
+        """The result that a number stands for."""
+        return list(cls)[code]
+
+
+class Spectrum(NamedTuple):
+    """The singular value decomposition of a Jacobian with columns of length one."""
+
+    lengths: Float[Array, " p"]  # the lengths that the columns had; one where a column is zero
+    singular: Float[Array, " p"]  # the singular values, descending
+    directions: Float[Array, "p p"]  # the right singular vectors, one in each row
+    determined: Bool[Array, " p"]  # whether each singular value is distinct from rounding
+
+    @classmethod
+    def of(cls, jacobian: Float[Array, "r p"]) -> "Spectrum":
+        lengths = lengths_of(jacobian)
+        _, singular, directions = jnp.linalg.svd(jacobian / lengths[None], full_matrices=False)
+        smallest = jnp.finfo(jacobian.dtype).eps ** (2 / 3) * jnp.maximum(singular[0], jnp.ones_like(singular[0]))
+        return cls(lengths, singular, directions, singular > smallest)
+
+    @property
+    def rank(self) -> Int[Array, ""]:
+        """The number of combinations of parameters that the data determine."""
+        return jnp.sum(self.determined)
+
+    @property
+    def condition(self) -> Float[Array, ""]:
+        """The largest singular value over the smallest; infinite where the rank is not full."""
+        infinite = jnp.full_like(self.singular[0], jnp.inf)
+        last = jnp.where(self.determined[-1], self.singular[-1], jnp.ones_like(self.singular[-1]))
+        return jnp.where(self.determined[-1], self.singular[0] / last, infinite)
+
+    def covariance(self) -> Float[Array, "p p"]:
+        """(J^T J)^-1 of the unconstrained numbers on the combinations that are determined; zero on the others."""
+        inverse = jnp.where(self.determined, 1 / jnp.where(self.determined, self.singular, 1.0), 0.0)
+        half = inverse[:, None] * self.directions / self.lengths[None]
+        return half.T @ half
+
+    def undetermined(self, slopes: Float[Array, "k p"]) -> Bool[Array, " k"]:
+        """Which quantities change along a null vector, from their derivatives by the unconstrained numbers."""
+        scaled = slopes / self.lengths[None]
+        along = jnp.sum(jnp.where(self.determined[None], 0.0, (scaled @ self.directions.T) ** 2), axis=-1)
+        whole = jnp.sum(scaled**2, axis=-1)
+        return along > jnp.finfo(slopes.dtype).eps ** (2 / 3) * whole
+
+
+def lengths_of(jacobian: Float[Array, "r p"]) -> Float[Array, " p"]:
+    """The lengths of the columns, one where a column is zero."""
+    lengths = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
+    return jnp.where(lengths == 0, jnp.ones_like(lengths), lengths)
 
 
 class Estimate(eqx.Module):
-    """The parameters that fit best, and how well the data determine them.
+    """The parameters that fit best, and how well the data determine them; with leading axes, of many data sets.
 
     Attributes:
         vector: (p,), the unconstrained numbers.
@@ -70,65 +153,116 @@ class Estimate(eqx.Module):
 def estimate_at(
     data: Data,
     vector: Float[Array, " p"],
-    residuals: tuple[Float[Array, " r"], Bool[Array, ""], Float[Array, "n p"]],
+    at_optimum: tuple[Float[Array, " r"], Bool[Array, ""], Float[Array, "n p"]],
     steps: Array,
     converged: Array,
     absolute_sigma: bool,
 ) -> Estimate:
     """The estimate for a vector at which the sum of squares has a minimum.
 
-    Args:
-        data: the data, without multiple shooting.
-        vector: (p,), the unconstrained numbers.
-        residuals: the residuals at the vector, whether every step of the run was good, and the Jacobian or its factor
-            R.
-        steps, converged: how many steps the optimiser took, and whether it converged.
-        absolute_sigma: whether the sigmas of the measurements are known; otherwise they are known up to a common
-            factor, which is estimated from the residuals.
+    `at_optimum` has the residuals, whether every step of the run was good, and the Jacobian or its factor R.
     """
-    found, good, jacobian = residuals
+    found, good, jacobian = at_optimum
     spectrum = Spectrum.of(jacobian)
     present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
     count, squares = jnp.sum(present), jnp.sum(found**2)
     dof = count - vector.size
     one = jnp.ones_like(squares)
-    spread = one if absolute_sigma else squares / jnp.maximum(dof, 1).astype(one.dtype)
-    unconstrained = spread * spectrum.covariance()
+    enough = jnp.maximum(dof, 1).astype(one.dtype)
+    unconstrained = (one if absolute_sigma else squares / enough) * spectrum.covariance()
     slopes = jax.jacfwd(data.layout.coordinates)(vector)
     covariance = slopes @ unconstrained @ slopes.T
     unknown = spectrum.undetermined(slopes)
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
     good = good & jnp.all(jnp.isfinite(found))
-    enough = jnp.maximum(dof, 1).astype(one.dtype)
     values = data.layout.values(vector)
     if absolute_sigma:
-        fits = within_sigmas(squares, enough)
+        fits, quantile = within_sigmas(squares, enough), one * ndtri(0.5 + CONFIDENCE / 2)
     else:
         fits = explained(remainders_of(data.measurements, found, values))
-    result = code_of(good, converged, fits, jnp.all(spectrum.determined) & (dof >= 1))
-    quantile = one * ndtri(0.5 + CONFIDENCE / 2) if absolute_sigma else _quantile(dof, found.size, one)
+        # Student's t, from a table of all degrees of freedom that can occur.
+        table = np.concatenate([[np.inf], stdtrit(np.arange(1, found.size + 1), 0.5 + CONFIDENCE / 2)])
+        quantile = jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, found.size)]
+    result = jnp.zeros((), jnp.int32)  # of the first condition from below that is False
+    for ended, holds in (
+        (Result.UNDETERMINED, jnp.all(spectrum.determined) & (dof >= 1)),
+        (Result.MISFIT, fits),
+        (Result.NOT_CONVERGED, converged),
+        (Result.RUN_FAILED, good),
+    ):
+        result = jnp.where(holds, result, ended.code)
     coordinates = data.layout.coordinates(vector)
     half = quantile * jnp.sqrt(jnp.diagonal(covariance))
-    return Estimate(
-        vector=vector,
-        values=values,
-        coordinates=coordinates,
-        covariance=covariance,
-        intervals=jnp.stack([coordinates - half, coordinates + half], axis=-1),
-        residuals=found,
-        rms=jnp.sqrt(squares / count.astype(one.dtype)),
-        dof=dof,
-        quantile=quantile,
-        unconstrained=unconstrained,
-        spectrum=spectrum,
-        steps=steps,
-        converged=converged & good,
-        result=result,
-        ok=result == 0,
+    intervals, rms = (
+        jnp.stack([coordinates - half, coordinates + half], axis=-1),
+        jnp.sqrt(squares / count.astype(one.dtype)),
     )
+    return Estimate(
+        vector, values, coordinates, covariance, intervals, found, rms, dof, quantile, unconstrained, spectrum, steps,
+        converged & good, result, result == 0,
+    )  # fmt: skip
 
 
-def _quantile(dof: Array, most: int, one: Array) -> Array:
-    """Student's t quantile of the intervals, from a table of all degrees of freedom that can occur."""
-    table = np.concatenate([[np.inf], stdtrit(np.arange(1, most + 1), 0.5 + CONFIDENCE / 2)])
-    return jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, most)]
+def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) -> list[list[str]]:
+    """The groups of numbers that cannot be told apart; a group of one name is a number without any effect.
+
+    The null vectors span a space, and the choice of a basis is arbitrary. So the groups are found from the matrix that
+    projects on this space: two numbers belong together if their common entry is not small relative to their diagonal
+    entries. Numbers are measured in two ways: by how much they change the residuals, and in units of `typical`. If
+    moments can change by a common factor, one of them may count little in the first way, but all count the same in the
+    second.
+    """
+    null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
+    changes = null / np.asarray(spectrum.lengths) / (np.ones(len(names)) if typical is None else np.asarray(typical))
+    together = _linked(null) | _linked(changes)
+    groups: list[list[str]] = []
+    left = list(np.flatnonzero(np.diagonal(together)))
+    while left:
+        group, waiting = set[int](), {int(left[0])}
+        while waiting:
+            i = waiting.pop()
+            group.add(i)
+            waiting |= {int(k) for k in np.flatnonzero(together[i])} - group
+        groups.append([names[i] for i in sorted(group)])
+        left = [i for i in left if i not in group]
+    return groups
+
+
+def _linked(vectors: np.ndarray) -> np.ndarray:
+    """(p, p), which pairs of numbers belong together in the span of vectors (m, p); diagonal: which are in it."""
+    basis = np.linalg.qr(vectors.T)[0]
+    projection = basis @ basis.T
+    own = np.sqrt(np.diagonal(projection))
+    inside = own > _SHARE * max(own.max(initial=0.0), 0.1)
+    return (np.abs(projection) > _SHARE * np.outer(own, own)) & np.outer(inside, inside)
+
+
+def complaint(groups: list[list[str]], named: Sequence[tuple[str, Parameter]]) -> str:
+    """What cannot be determined, and the remedy, as a message; "" if everything is determined."""
+    if not groups:
+        return ""
+    told = "; ".join(
+        f"{group[0]} has no effect on them" if len(group) == 1 else f"{', '.join(group)} cannot be told apart"
+        for group in groups
+    )
+    cures = dict.fromkeys(_cure(group, named) for group in groups)
+    return f"the measurements do not determine all parameters: {told}. {' '.join(cures)}"
+
+
+def _cure(group: list[str], named: Sequence[tuple[str, Parameter]]) -> str:
+    inside = [(name, p) for name, p in named if any(f"{name}{label}" in group for label in p.unconstrained_labels())]
+    for name, parameter in inside:
+        if isinstance(parameter, UnitQuaternion):
+            return (
+                "Angular velocities do not determine an attitude, and one direction in space leaves the rotation about "
+                f"it open. Fix {name}: make it a known quaternion inside the model; or, with one direction, start the "
+                "model from a DirectionState whose direction is a UnitVector; or add Attitudes, Positions, or "
+                "Directions with another reference."
+            )
+    if any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for _, p in inside):
+        return (
+            "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, "
+            'such as Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the '
+            "momentum."
+        )
+    return "Make one of them a known number inside the model, or add measurements that depend on them differently."

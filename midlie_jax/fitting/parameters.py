@@ -1,23 +1,25 @@
-"""Parameters that stay physical whatever an optimiser does.
+"""What a fit looks for: parameters, each a smooth one-to-one map from unconstrained numbers onto physical values.
 
-Each parameter maps a vector of unconstrained real numbers one-to-one onto the physical values of its kind, and back.
-A fit varies the unconstrained vector, so that no step of the optimiser leaves the physical values.
+The optimiser changes the unconstrained numbers only, so every body that it tries can exist. `Layout` joins the numbers
+of all parameters of a guess in one vector and names them.
 """
 
 from abc import abstractmethod
 from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, is_unit, require, require_finite
+from .._checks.arguments import as_floats, described, is_unit, require, require_finite
 from ..model import so3
 
 Scale = Literal["free", "fixed"]
-_CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment to below the sum of the others."
+_NOT_FLAT = "must satisfy the strict triangle inequality"
+_CURE_OF_FLAT = "lower the largest moment below the sum of the others; a flat body is a limit."
 _SMALL_TURN = 1e-4  # radians; below it, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 
@@ -53,14 +55,15 @@ class Parameter(eqx.Module):
 
     def labels(self) -> list[str]:
         """The index of each coordinate, such as "[0]"; "" for a single number."""
-        return _indices(self.initial.shape)
+        shape = self.initial.shape
+        return [f"[{','.join(map(str, index))}]" if index else "" for index in np.ndindex(shape)]
 
     def unconstrained_labels(self) -> list[str]:
         """The index of each unconstrained number."""
         return self.labels()
 
     def typical(self) -> Float[Array, " size"]:
-        """How far the unconstrained numbers must change to multiply the value by about e, or turn it by a radian."""
+        """The change of each unconstrained number that multiplies the value by about e, or rotates it by a radian."""
         return jnp.ones_like(self.vector())
 
 
@@ -97,7 +100,7 @@ class Free(Parameter):
 
 
 class Positive(Parameter):
-    """Positive numbers, such as a field strength, a mass or a damping: exp(u).
+    """Positive numbers exp(u), such as a field strength, a mass or a damping.
 
     Args:
         initial: the guess, of any shape.
@@ -115,7 +118,7 @@ class Positive(Parameter):
 
     def __init__(self, initial: Any):
         self.initial = as_floats("initial", initial)
-        _require_positive("initial", self.initial)
+        _require_positive(self.initial)
 
     def vector(self) -> Float[Array, " size"]:
         return jnp.log(self.initial).reshape(-1)
@@ -127,10 +130,9 @@ class Positive(Parameter):
 class Moments(Parameter):
     """Principal moments of inertia (3,), mass x length^2: positive, each less than the sum of the other two.
 
-    I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. The three integrals
-    are the exponentials of three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the
-    guess, and log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios of
-    the moments only.
+    I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. Their logarithms
+    are the three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the guess, and
+    log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios only.
 
     Args:
         initial: the guess, (3,).
@@ -152,10 +154,9 @@ class Moments(Parameter):
     scale: Scale = eqx.field(static=True)
 
     def __init__(self, initial: Any, *, scale: Scale | str = "free"):
-        self.initial = _of_shape("initial", initial, (3,))
-        self.scale = _checked_scale(scale)
-        _require_positive("initial", self.initial)
-        require("initial", self.initial, _strict_triangle, "violates the strict triangle inequality", _CURE_OF_FLAT)
+        self.initial, self.scale = _of_shape(initial, (3,)), _checked_scale(scale)
+        _require_positive(self.initial)
+        require("initial", self.initial, lambda moments: moments @ _TRIANGLE > 0, _NOT_FLAT, _CURE_OF_FLAT)
 
     def vector(self) -> Float[Array, " size"]:
         logs = jnp.log(jnp.asarray(_TRIANGLE, self.initial.dtype) @ self.initial)
@@ -177,10 +178,9 @@ class InertiaTensor(Parameter):
     """A full inertia tensor (3, 3) in any frame fixed in the body, mass x length^2, for `midlie_jax.TensorBody`.
 
     A tensor J belongs to a body if and only if its second moments of mass, Sigma = tr(J)/2 - J, are positive definite.
-    Sigma is the part of the pseudo-inertia that the rotation depends on, and its log-Cholesky form is used here:
-    Sigma = L L^T with a lower triangular L, whose diagonal is the exponential of three of the six unconstrained
-    numbers. (Mass and centre of mass, the other part, matter only through the torque; make them parameters of their
-    own.) With `scale="fixed"` the trace of J stays that of the guess and five numbers are left.
+    Sigma = L L^T with a lower triangular L (log-Cholesky form); the logarithms of its diagonal are three of the six
+    unconstrained numbers. With `scale="fixed"` the trace of J stays that of the guess and five numbers are left. Mass
+    and centre of mass matter only through the torque; make them separate parameters.
 
     C. Rucker, P. M. Wensing, IEEE Robotics and Automation Letters 7 (2022) 2431; P. M. Wensing, S. Kim,
     J.-J. E. Slotine, IEEE Robotics and Automation Letters 3 (2018) 60.
@@ -204,13 +204,11 @@ class InertiaTensor(Parameter):
     scale: Scale = eqx.field(static=True)
 
     def __init__(self, initial: Any, *, scale: Scale | str = "free"):
-        self.initial = _of_shape("initial", initial, (3, 3))
-        self.scale = _checked_scale(scale)
+        self.initial, self.scale = _of_shape(initial, (3, 3)), _checked_scale(scale)
         require_finite("initial", self.initial)
-        require(
-            "initial", self.initial, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding."
-        )
-        require("initial", self.initial, _of_a_body, "violates the strict triangle inequality", _CURE_OF_FLAT)
+        cure = "pass (J + J.T) / 2 if it differs by rounding."
+        require("initial", self.initial, _symmetric, "must be symmetric", cure)
+        require("initial", self.initial, _of_a_body, _NOT_FLAT, _CURE_OF_FLAT)
 
     def vector(self) -> Float[Array, " size"]:
         half = jnp.trace(self.initial) / 2
@@ -259,14 +257,14 @@ class UnitQuaternion(Parameter):
 
     Examples:
         >>> attitude = ml.fitting.UnitQuaternion([1.0, 0.0, 0.0, 0.0])
-        >>> attitude.value(jnp.array([0.2, 0.0, 0.0])).round(4)  # the guess, turned by 0.2 about axis 1
+        >>> attitude.value(jnp.array([0.2, 0.0, 0.0])).round(4)  # the guess, rotated by 0.2 about axis 1
         Array([0.995 , 0.0998, 0.    , 0.    ], dtype=float64)
     """
 
     initial: Float[Array, "4"]
 
     def __init__(self, initial: Any):
-        self.initial = _of_shape("initial", initial, (4,))
+        self.initial = _of_shape(initial, (4,))
         require("initial", self.initial, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
     def vector(self) -> Float[Array, " size"]:
@@ -283,7 +281,7 @@ class UnitQuaternion(Parameter):
 
 
 class UnitVector(Parameter):
-    """A direction, such as that of a field in the body frame: the guess turned by u, perpendicular to it.
+    """A direction, such as that of a field in the body frame: the guess rotated by u, perpendicular to it.
 
     u is in radians, with two components along fixed directions that are perpendicular to the guess and to each other;
     the map is one-to-one for |u| < pi. The coordinates are the three components of the vector.
@@ -303,7 +301,7 @@ class UnitVector(Parameter):
     initial: Float[Array, "3"]
 
     def __init__(self, initial: Any):
-        self.initial = _of_shape("initial", initial, (3,))
+        self.initial = _of_shape(initial, (3,))
         require("initial", self.initial, is_unit, "must be a vector of length 1", "divide it by its norm.")
 
     def vector(self) -> Float[Array, " size"]:
@@ -319,7 +317,7 @@ class UnitVector(Parameter):
         return along * guess + share * (vector[0] * first + vector[1] * second)
 
     def unconstrained_labels(self) -> list[str]:
-        """The index of each number: that of the component that it changes most, different for the two numbers."""
+        # The component that each number changes most, different for the two numbers.
         _, first, second = (np.abs(np.asarray(x)) for x in self._frame())
         one = int(np.argmax(first))
         return [f"[{one}]", f"[{int(np.argmax(np.where(np.arange(3) == one, -1.0, second)))}]"]
@@ -333,20 +331,85 @@ class UnitVector(Parameter):
         return guess, first, jnp.cross(guess, first)
 
 
-def flatness(value: Array) -> Float[Array, ""]:
-    """I1 + I2 - I3 over the sum of the moments, where I3 is the largest: zero for a flat body.
+class Layout(eqx.Module):
+    """The parameters of a guess, a pytree whose leaves are `Parameter`s, in the order of the leaves.
 
-    Args:
-        value: the value of a `Moments` or an `InertiaTensor`.
+    Its methods join what the methods of the same name of `Parameter` give; `values` has the structure of the guess.
     """
+
+    guess: Any
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        return jax.tree.leaves(self.guess, is_leaf=_is_parameter)
+
+    @property
+    def size(self) -> int:
+        return sum(parameter.vector().size for parameter in self.parameters)
+
+    def start(self) -> Float[Array, " p"]:
+        return jnp.concatenate([parameter.vector() for parameter in self.parameters])
+
+    def typical(self) -> Float[Array, " p"]:
+        return jnp.concatenate([parameter.typical() for parameter in self.parameters])
+
+    def values(self, vector: Float[Array, " p"]) -> Any:
+        ends = np.cumsum([parameter.vector().size for parameter in self.parameters])
+        leaves = [p.value(vector[end - p.vector().size : end]) for p, end in zip(self.parameters, ends, strict=True)]
+        return jax.tree.unflatten(jax.tree.structure(self.guess, is_leaf=_is_parameter), leaves)
+
+    def coordinates(self, vector: Float[Array, " p"]) -> Float[Array, " k"]:
+        values = jax.tree.leaves(self.values(vector))
+        return jnp.concatenate([p.coordinates(value) for p, value in zip(self.parameters, values, strict=True)])
+
+    def names(self) -> list[str]:
+        """The name of each coordinate, such as "moments[0]"."""
+        return [f"{name}{label}" for name, p in self.named() for label in p.labels()]
+
+    def unconstrained_names(self) -> list[str]:
+        """The name of the coordinate that each unconstrained number mainly changes."""
+        return [f"{name}{label}" for name, p in self.named() for label in p.unconstrained_labels()]
+
+    def named(self) -> list[tuple[str, Any]]:
+        """Each parameter with its name, such as "moments" or "gyro.bias"."""
+        found = jax.tree_util.tree_flatten_with_path(self.guess, is_leaf=_is_parameter)[0]
+        return [
+            (jax.tree_util.keystr(path, simple=True, separator=".") or "value", parameter) for path, parameter in found
+        ]
+
+    @classmethod
+    def checked(cls, guess: Any) -> "Layout":
+        """The layout of a guess; a ValueError if a leaf is not a `Parameter`, or if there is none."""
+        layout = cls(guess)
+        named = layout.named()
+        if not named:
+            raise ValueError("guess must hold a parameter, got none; give {'moments': Moments([1.0, 2.0, 2.5])}.")
+        for name, leaf in named:
+            if not _is_parameter(leaf):
+                raise ValueError(
+                    f"{name} of the guess must be a parameter, got {described(leaf)}; wrap it in "
+                    "midlie_jax.fitting.Free, or use it inside the model if it is known."
+                )
+        dtypes = {parameter.vector().dtype.name for parameter in layout.parameters}
+        if len(dtypes) > 1:
+            raise ValueError(f"guess must have one dtype, got {' and '.join(sorted(dtypes))}; cast the parameters.")
+        return layout
+
+
+def flatness(value: Array) -> Float[Array, ""]:
+    """I1 + I2 - I3 over the sum of the moments, where I3 is the largest, of moments or a tensor: zero if flat."""
     moments = value if value.ndim == 1 else jnp.linalg.eigvalsh(value)
     return 1 - 2 * jnp.max(moments) / jnp.sum(moments)
 
 
-def _of_shape(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    array = as_floats(name, value)
+def _is_parameter(x: Any) -> bool:
+    return isinstance(x, Parameter)
+
+
+def _of_shape(value: Any, shape: tuple[int, ...]) -> Array:
+    array = as_floats("initial", value)
     if array.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {array.shape}; map a fit over a batch with jax.vmap.")
+        raise ValueError(f"initial must have shape {shape}, got {array.shape}; map a fit over a batch with jax.vmap.")
     return array
 
 
@@ -356,12 +419,9 @@ def _checked_scale(scale: Any) -> Scale:
     raise ValueError(f"scale must be 'free' or 'fixed', got {scale!r}.")
 
 
-def _require_positive(name: str, value: Array) -> None:
-    require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check units and order.")
-
-
-def _strict_triangle(moments: np.ndarray) -> Any:
-    return moments @ _TRIANGLE > 0
+def _require_positive(value: Array) -> None:
+    cure = "check units and order."
+    require("initial", value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", cure)
 
 
 def _symmetric(tensor: np.ndarray) -> Any:
@@ -370,7 +430,3 @@ def _symmetric(tensor: np.ndarray) -> Any:
 
 def _of_a_body(tensor: np.ndarray) -> Any:
     return np.linalg.eigvalsh(np.trace(tensor) / 2 * np.eye(3) - tensor) > 0
-
-
-def _indices(shape: tuple[int, ...]) -> list[str]:
-    return [f"[{','.join(map(str, index))}]" if index else "" for index in np.ndindex(shape)]

@@ -1,20 +1,27 @@
-"""`Fit`: the result of a fit with the names of its numbers; it prints as a table."""
+"""What `fit` returns: the estimate with the names of its numbers, and in words what went wrong and what may be wrong.
 
+The words are computed after the fit, so that a successful fit does not pay for them.
+"""
+
+import math
 from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._checks.arguments import as_count
-from .doubts import Doubt, doubts
-from .estimate import CONFIDENCE, Estimate
-from .layout import Layout
+from .estimate import CONFIDENCE, Estimate, Result
+from .instruments import Accelerations, Attitudes, Rates, of_which
 from .measurements import Measurement
-from .parameters import InertiaTensor, Moments, flatness
-from .result import Result
+from .noise import Doubt, Remainder, doubts, explained, remainders_of, within_sigmas
+from .parameters import InertiaTensor, Layout, Moments, flatness
+from .problem import Data
+from .solve import Plan
 
 _FLAT = 1e-3  # if I1 + I2 - I3 is a smaller share of the sum, the optimum may not be reached, nor its interval valid
+_SHARE = 0.5  # share of the method's reach that a step may use, because a body may later rotate faster
 
 
 class Fit:
@@ -30,12 +37,12 @@ class Fit:
         steps: number of steps of the optimiser.
         rank, condition: those of the Jacobian with columns of length one.
         confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
-        aliases: how often the body turns between rows, if by more than half a revolution, so that other values may fit
-            as well; "" otherwise.
+        aliases: how often the body rotates between rows, if by more than half a revolution, so that other values may
+            fit as well; "" otherwise.
         flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
         ok: whether the fit ended as it should: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
-        message: what went wrong, with the time, the names or the numbers, and a cure.
+        message: what went wrong, with the time, the names or the numbers, and a remedy.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -70,17 +77,13 @@ class Fit:
 
     def residuals(self) -> list[np.ndarray]:
         """The residuals over sigma of each measurement, of the shape of its `present`; NaN where missing."""
-        found: list[np.ndarray] = []
-        flat, begin = np.asarray(self.estimate.residuals), 0
-        for m in self._measurements:
-            present = np.asarray(m.present)
-            found.append(np.where(present, flat[begin : begin + present.size].reshape(present.shape), np.nan))
-            begin += present.size
-        return found
+        masks = [np.asarray(m.present) for m in self._measurements]
+        parts = np.split(np.asarray(self.estimate.residuals), np.cumsum([mask.size for mask in masks])[:-1])
+        return [np.where(mask, part.reshape(mask.shape), np.nan) for mask, part in zip(masks, parts, strict=True)]
 
     @property
     def doubts(self) -> list[str]:
-        """Why the values or the intervals may be wrong even if `ok` is True; empty if nothing speaks against them.
+        """Why the values or the intervals may be wrong even if `ok` is True; empty if there is no reason to doubt.
 
         It names all values that are far off the others; neighbouring residuals that are correlated, and the factor by
         which this makes the intervals too narrow; and rows so far apart that other values may fit as well.
@@ -119,14 +122,29 @@ class Fit:
             The quantity, and its interval with a last axis (2,). The interval is infinite if the data do not determine
             the quantity; they may determine a ratio of moments and not the moments.
         """
-        return derived(self.estimate, self._layout, function)
+        estimate = self.estimate
+
+        def flat(vector: jax.Array) -> jax.Array:
+            return function(self._layout.values(vector)).reshape(-1)
+
+        @jax.jit  # one small program instead of one for each operation
+        def both(vector: jax.Array) -> tuple[jax.Array, jax.Array]:
+            return flat(vector), jax.jacfwd(flat)(vector)
+
+        shape = jax.eval_shape(function, estimate.values).shape
+        centre, slopes = (np.asarray(x) for x in both(estimate.vector))
+        variance = np.sum((slopes @ np.asarray(estimate.unconstrained)) * slopes, axis=-1)
+        unknown = np.asarray(estimate.spectrum.undetermined(jnp.asarray(slopes)))
+        half = np.where(unknown, np.inf, float(estimate.quantile) * np.sqrt(variance))
+        return centre.reshape(shape), np.stack([centre - half, centre + half], axis=-1).reshape(*shape, 2)
 
     def draws(self, count: int, seed: int = 0) -> Any:
-        """Values that the data allow, for what is predicted from them: `jax.vmap(predicted)(result.draws(1000))`.
+        """Values that the data allow, for predictions that follow from them.
 
         They are drawn from a normal distribution of the unconstrained numbers about the estimate, with the covariance
-        of the fit: right to first order, as the intervals are. Where sigmas are estimated from few data, the intervals,
-        by Student's t, are wider than these draws.
+        of the fit: right to first order, as the intervals are. `jax.vmap(predicted)(result.draws(1000))` maps a
+        prediction over them. Where sigmas are estimated from few data, the intervals, by Student's t, are wider than
+        these draws.
 
         Args:
             count: how many are drawn.
@@ -136,30 +154,26 @@ class Fit:
             The values, of the structure of the guess, with a leading axis (count,).
 
         Raises:
-            ValueError: count is no positive int, or the data do not determine all parameters.
+            ValueError: count is not a positive int, or the data do not determine all parameters.
         """
         if self.rank < self._layout.size:
             raise ValueError(
-                f"the data determine {self.rank} of {self._layout.size} unknowns, so the others could be anything; fix "
+                f"draws need data that determine all {self._layout.size} unknowns, got a rank of {self.rank}; fix "
                 "some, or use `derived` for what is determined."
             )
         estimate = self.estimate
         root = np.linalg.cholesky(np.asarray(estimate.unconstrained))
         offsets = np.random.default_rng(seed).standard_normal((as_count("count", count), len(root))) @ root.T
-        vectors = estimate.vector[None] + jax.numpy.asarray(offsets, estimate.vector.dtype)
+        vectors = estimate.vector[None] + jnp.asarray(offsets, estimate.vector.dtype)
         return jax.jit(jax.vmap(self._layout.values))(vectors)
 
     def __str__(self) -> str:
         deviations = np.sqrt(np.diagonal(self.covariance))
-        heads = ["parameter", "estimate", "std. deviation", f"{CONFIDENCE:.0%} interval"]
-        rows = [
-            [name, f"{x:.10g}", f"{s:.2g}", f"[{low:.10g}, {high:.10g}]"]
-            for name, x, s, (low, high) in zip(self.names, self.coordinates, deviations, self.intervals, strict=True)
-        ]
-        widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(4)]
-        lines = [
-            "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in [heads, *rows]
-        ]
+        table = [["parameter", "estimate", "std. deviation", f"{CONFIDENCE:.0%} interval"]]
+        for name, x, s, (low, high) in zip(self.names, self.coordinates, deviations, self.intervals, strict=True):
+            table.append([name, f"{x:.10g}", f"{s:.2g}", f"[{low:.10g}, {high:.10g}]"])
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]
         lines.insert(1, "  ".join("-" * w for w in widths))
         if flat := self.flat:
             lines.append(f"{', '.join(flat)}: the data hardly tell this body from a flat one, see Fit.flat")
@@ -174,19 +188,110 @@ class Fit:
     __repr__ = __str__
 
 
-def derived(estimate: Estimate, layout: Layout, function: Callable[[Any], Any]) -> tuple[np.ndarray, np.ndarray]:
-    """See `Fit.derived`."""
+class UndeterminedError(ValueError):
+    """The measurements do not determine all parameters, and `require_rank` of `fit` is True.
 
-    def flat(vector: jax.Array) -> jax.Array:
-        return function(layout.values(vector)).reshape(-1)
+    Attributes:
+        result: the `Fit`, with the values, the rms and what is determined; `require_rank=False` returns it instead.
 
-    @jax.jit  # one small program instead of one for each operation
-    def both(vector: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return flat(vector), jax.jacfwd(flat)(vector)
+    Examples:
+        >>> def model(values):  # a start that depends on the sum of two parameters alone
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["first"] + values["second"])
+        >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
+        >>> guess = {"first": ml.fitting.Free([0.4, 0.4, 0.1]), "second": ml.fitting.Free([0.0, 0.0, 0.0])}
+        >>> try:
+        ...     ml.fit(model, guess, gyroscope, method="RK4", dt=0.5)
+        ... except ml.fitting.UndeterminedError as error:
+        ...     print(error.result.rank, (error.result.values["first"] + error.result.values["second"]).round(6))
+        3 [0.5 0.3 0.2]
+    """
 
-    shape = jax.eval_shape(function, estimate.values).shape
-    centre, slopes = (np.asarray(x) for x in both(estimate.vector))
-    variance = np.sum((slopes @ np.asarray(estimate.unconstrained)) * slopes, axis=-1)
-    unknown = np.asarray(estimate.spectrum.undetermined(jax.numpy.asarray(slopes)))
-    half = np.where(unknown, np.inf, float(estimate.quantile) * np.sqrt(variance))
-    return centre.reshape(shape), np.stack([centre - half, centre + half], axis=-1).reshape(*shape, 2)
+    def __init__(self, result: Fit):
+        super().__init__(
+            f"{result.message} The rms of the residuals is {result.rms:.3g} sigma; the values are in the attribute "
+            "`result` of this error, or returned with require_rank=False."
+        )
+        self.result = result
+
+
+def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) -> str:
+    """The text of `Fit.message`; `undetermined` is from `complaint`."""
+    result = Result.of(int(estimate.result))
+    if result is Result.RUN_FAILED:
+        return _failed_run(plan, data, estimate)
+    if result is Result.NOT_CONVERGED:
+        left = "".join(f" {text}" for text in _misfit(plan, data, estimate))
+        cure = "start nearer, give starts=8 or segments=10, or more max_steps."
+        return f"the optimiser did not converge in {int(estimate.steps)} steps: {cure}{left}"
+    if result is Result.MISFIT:
+        told, check = _misfit(plan, data, estimate)
+        more = f" At these values, {undetermined}" if undetermined else ""
+        return f"{told} Start nearer, or give starts=8. {check}{more}"
+    if result is Result.UNDETERMINED:
+        return undetermined or "there are not more measured numbers than unknowns; give more measurements."
+    return result.value
+
+
+def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
+    """How large the residuals are, and what to check; nothing if they can be noise."""
+    listed = [of_which(m)[1] for m in data.measurements]
+    squares, dof = jnp.sum(estimate.residuals**2), max(int(estimate.dof), 1)
+    if not jnp.isfinite(squares):
+        return []
+    check = "Check units, axes and times"
+    if any(isinstance(m, Attitudes) for m in listed):
+        check += ", and that quaternions are (w, x, y, z) from body to space"
+    if plan.absolute_sigma:
+        if within_sigmas(squares, jnp.asarray(dof, squares.dtype)):
+            return []
+        told = (
+            f"the residuals are {float(estimate.rms):.3g} times the sigmas, which were given as known: the model "
+            "leaves something out, such as a bias or a torque, or the sigmas are too small."
+        )
+        return [told, f"{check}."]
+    remainders = remainders_of(data.measurements, estimate.residuals, estimate.values)
+    if explained(remainders):
+        return []
+    # Measurements that cannot be noise on their own count first, then those with larger residuals.
+    worst, kind = max(
+        zip(remainders, listed, strict=True), key=lambda x: (bool(x[0].structured | x[0].turned), float(x[0].left))
+    )
+    share, of_what = _share(worst, kind)
+    told = (
+        f"the residuals, with an rms of {float(estimate.rms):.3g} sigma, cannot be noise: those of the "
+        f"{type(kind).__name__} are {share:.0%} of {of_what}."
+    )
+    return [told, f"{check}. If noise is so large, give its sigmas and absolute_sigma=True."]
+
+
+def _share(remainder: Remainder, measurement: Measurement) -> tuple[float, str]:
+    """The size of the residuals relative to something, and what that is."""
+    whole, of_what = remainder.spread, "the changes of what was measured"
+    if remainder.angles and bool(remainder.turned | ~remainder.structured):
+        whole, of_what = remainder.signal, "a radian"
+    elif isinstance(measurement, Rates | Accelerations) and not bool(remainder.structured):
+        whole, of_what = remainder.signal, "what was measured"
+    return math.sqrt(float(remainder.left) / float(whole)) if whole > 0 else math.inf, of_what
+
+
+def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
+    """At which time the run of the best parameters failed, and a step with which it should not."""
+    problem = plan.problem.single()
+    dt, method = problem.grid.dt, problem.method
+    _, body, (_, paths), _ = problem.run(estimate.vector, data)
+    times, bad = np.asarray(paths.times[0]), int(paths.first_bad[0])
+    if bad >= len(times):
+        return "the model gives numbers that are not finite at a measured time, though its run is good; check the data."
+    momenta = jax.tree.map(lambda x: x[0, : max(bad, 1)], paths.states.momentum)
+    rates = jax.vmap(lambda momentum: jnp.linalg.norm(body.velocity(momentum)))(momenta)
+    fastest = float(np.max(np.asarray(rates)[np.isfinite(rates)], initial=0.0))
+    when = f"the run failed after t = {times[max(bad - 1, 0)]:.6g}"
+    if math.isfinite(method.reach) and dt * fastest > method.reach * _SHARE:
+        enough = method.reach * _SHARE / fastest
+        unit = 10.0 ** math.floor(math.log10(enough))
+        return (
+            f"{when}: the body turns {dt * fastest:.3g} radians in a step, and {method.name} takes at most "
+            f"{method.reach:.3g}; dt = {math.floor(enough / unit) * unit:g} would do, unless the guess makes the body "
+            "turn too fast."
+        )
+    return f"{when}; try half the step, dt = {dt / 2:g}, and check that the guess is near."

@@ -27,35 +27,22 @@ from ..model.state import StateT
 # A time is on the grid if it is off by less than the first number, as a share of a step, plus the rounding of the time;
 # but never by more than the second. All other times are reached by a shorter step, which is always correct.
 _ON_GRID, _MOST_OFF = {"float64": 1e-9, "float32": 1e-4}, 0.05
-
 _MARGIN, _LONGEST = 8, 2.0  # steps after the last time if a clock is fitted; the longest last step, in steps
 
 
 class Grid(eqx.Module):
-    """The steps of a run, cut into equal segments that can be integrated side by side.
-
-    Attributes:
-        dt, t0: the step, positive, and the time of the start.
-        steps: number of steps of each segment.
-        segments: number of segments.
-        every: save the state every `every` steps; divides `steps`.
-        exact: whether all times lie on saved states, so that no shorter step is needed.
-    """
+    """The steps of a run, cut into equal segments that can be integrated side by side."""
 
     dt: float = eqx.field(static=True)
-    t0: float = eqx.field(static=True)
-    steps: int = eqx.field(static=True)
+    t0: float = eqx.field(static=True)  # the time of the start
+    steps: int = eqx.field(static=True)  # of each segment
     segments: int = eqx.field(static=True)
-    every: int = eqx.field(static=True)
-    exact: bool = eqx.field(static=True)
+    every: int = eqx.field(static=True)  # the steps from one saved state to the next; divides `steps`
+    exact: bool = eqx.field(static=True)  # whether all times lie on saved states, so that no shorter step is needed
 
     @classmethod
     def of(cls, times: np.ndarray, dt: float, t0: float, segments: int = 1, moving: bool = False) -> "Grid":
-        """The grid that reaches the last of the times (n,), which are concrete.
-
-        Args:
-            moving: whether the times may move by a few steps, as they do if a clock is fitted.
-        """
+        """The grid that reaches the last of the times (n,); `moving` ones may move by a few steps with a clock."""
         tolerance = _ON_GRID[times.dtype.name]
         offsets = (np.asarray(times, np.float64) - t0) / dt
         least = max(1, math.ceil(float(offsets.max()) - tolerance)) + _MARGIN * moving
@@ -132,7 +119,7 @@ def states_at(
         The path at `times`. `ok` is False if a step failed or a number was not finite.
 
     Raises:
-        ValueError: an argument is invalid; the message names the argument and the cure.
+        ValueError: an argument is invalid; the message names the argument and the remedy.
 
     Examples:
         >>> body, start = ml.RigidBody([2.0, 3.0, 4.0]), ml.MomentumState([1.0, 0.6, 0.4])
@@ -141,7 +128,7 @@ def states_at(
         (Array([0.  , 0.33, 1.7 ], dtype=float64), (3, 3), True)
     """
     if is_traced(times):
-        raise ValueError("times must be concrete, because they decide the number of steps; close over them.")
+        raise ValueError("times must be concrete, got a traced array; close over them.")
     known = np.asarray(times, start.momentum.dtype)  # of NumPy, because inside jit an array of JAX would be traced
     if known.ndim != 1 or not known.size:
         raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")

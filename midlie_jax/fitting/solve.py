@@ -1,24 +1,37 @@
-"""`fit_arrays`: the whole fit as one pure function of arrays, which can be compiled and mapped over data sets."""
+"""How the least sum of squares is found: Levenberg and Marquardt's method, one step as a pure function.
+
+A run of a body and its derivative take seconds to compile, so the step holds their only copy: it computes the Jacobian
+at each point where it evaluates the residuals. The first Jacobian gives the scale of the unknowns, the last one the
+covariance. `solved` calls the compiled step from Python, where it can be stopped and show progress; `fit_arrays` calls
+it in a loop, in one pure function. Hard problems are solved in stages, each from the result of the previous one.
+
+The trust region is that of N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4OR 3 (2005) 227.
+"""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
+import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from .estimate import Estimate, estimate_at
-from .identifiability import lengths_of
-from .layout import Layout
+from .._xla.compiler import exact_jit
+from .estimate import Estimate, estimate_at, lengths_of
 from .measurements import Measurement
-from .residuals import Data, Problem, jacobian_of, residuals, unknowns
-from .search import Search, look
+from .parameters import Layout
+from .problem import Data, Problem, jacobian_of, residuals
 
+# solver(residuals, start, max_steps) -> (optimum, steps, converged)
+Solver = Callable[[Callable[[Array], Array], Array, int], tuple[Array, Any, Any]]
 _TOLERANCE = {"float64": 1e-8, "float32": 1e-3}
+_GOOD, _POOR = 0.99, 0.01  # a step is good or poor by the decrease of the loss over that of the linear model
+_WIDER, _NARROWER = 3.5, 0.25
 
 
 class Plan(eqx.Module):
@@ -26,10 +39,10 @@ class Plan(eqx.Module):
 
     Attributes:
         problem: the problem, with the segments of multiple shooting if there are any.
-        solver: an optimistix solver, or None for Levenberg-Marquardt.
+        solver: a function, see `fit`, or None for Levenberg and Marquardt's method.
         starts: (s, p), increments of the unconstrained numbers of the guess, one row for each start.
         max_steps: the most steps of the optimiser.
-        absolute_sigma: see `estimate_at`.
+        absolute_sigma: whether the sigmas are known, see `fit`.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -42,26 +55,155 @@ class Plan(eqx.Module):
     """
 
     problem: Problem
-    solver: Any
+    solver: Solver | None
     starts: Float[Array, "s p"]
     max_steps: int = eqx.field(static=True)
     absolute_sigma: bool = eqx.field(static=True)
 
 
-class Optimum(NamedTuple):
-    """What the optimiser found: the vector, and the residuals and the Jacobian (or its factor R) there."""
+class Search(eqx.Module):
+    """Where a search for the least sum of squares stands.
 
-    vector: Float[Array, "*s u"]
-    residuals: Float[Array, "*s r"]
-    jacobian: Float[Array, "*s n u"]
-    good: Bool[Array, "*s"]
-    steps: Int[Array, "*s"]
+    The unknowns are scaled such that at the start a change of one unknown by 1 changes the vector of residuals by a
+    length of one standard deviation. So neither the units nor the number of data matter for the tolerances and for the
+    damping, which starts at the diagonal of J^T J. A weaker damping would save steps near the optimum, but from guesses
+    further off it leads to other minima.
+
+    Leading axes, if any, are those of several starts. The unknowns at a place are `start + place / lengths`.
+    """
+
+    start: Float[Array, "*s u"]
+    lengths: Float[Array, "*s u"]  # the scale
+    place: Float[Array, "*s u"]  # the best so far
+    residuals: Float[Array, "*s r"]  # at the best place
+    triangle: Float[Array, "*s u u"]  # the triangular factor R of the scaled Jacobian there, J = Q R
+    turned: Float[Array, "*s u"]  # Q^T times the residuals
+    good: Bool[Array, "*s"]  # whether every step of the run there was good
+    trial: Float[Array, "*s u"]  # the place where the next step evaluates the residuals
+    promised: Float[Array, "*s"]  # the change of the loss at the trial by the linear model; negative
+    size: Float[Array, "*s"]  # one over the damping
+    relative: float = eqx.field(static=True)  # changes that count as none, relative to a number
+    absolute: Float[Array, "*s"]  # and in absolute terms
+    steps: Int[Array, "*s"]  # how often the residuals were evaluated
     converged: Bool[Array, "*s"]
+    finished: Bool[Array, "*s"]  # it converged, or the run from the start is not finite
 
-    @classmethod
-    def of(cls, search: Search) -> "Optimum":
-        jacobian = search.triangle * search.lengths[..., None, :]
-        return cls(search.vector, search.residuals, jacobian, search.good, search.steps, search.converged)
+    @property
+    def vector(self) -> Float[Array, "*s u"]:
+        """The unknowns at the best place."""
+        return self.start + self.place / self.lengths
+
+    @property
+    def loss(self) -> Float[Array, "*s"]:
+        """Half the sum of squares."""
+        return jnp.sum(self.residuals**2, axis=-1) / 2
+
+
+def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
+    """The search of a stage, which has evaluated nothing yet."""
+    count = sum(m.present.size for m in data.measurements) + start.size - data.layout.size
+    dtype, zeros = start.dtype, jnp.zeros_like(start)
+    zero, no, least = jnp.zeros((), dtype), jnp.zeros((), bool), _TOLERANCE[dtype.name]
+    # A change below the rounding error of a run counts as none. Otherwise the search would never end if sigmas are
+    # small relative to the rounding of the measured values.
+    noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
+    sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
+    rounded = jnp.max(jnp.stack([noise * jnp.finfo(size.dtype).eps * size for size in sizes]))
+    return Search(
+        start, zeros + 1, zeros, jnp.zeros(count, dtype), jnp.zeros((start.size, start.size), dtype), zeros, no,
+        zeros, zero, zero + 1, least, jnp.maximum(rounded, least).astype(dtype), jnp.zeros((), jnp.int32), no, no,
+    )  # fmt: skip
+
+
+def look(search: Search, data: Data, problem: Problem) -> Search:
+    """The search after it has evaluated the residuals at its trial; the same search if it was finished."""
+    first = search.steps == 0
+    trial = search.start + search.trial / search.lengths
+    found, good, jacobian = jacobian_of(trial, data, problem)
+    lengths = jnp.where(first, lengths_of(jacobian), search.lengths)
+    change = jnp.sum(found**2) / 2 - search.loss
+    finite = jnp.all(jnp.isfinite(found)) & jnp.all(jnp.isfinite(jacobian))
+    accepted = finite & (first | (change <= _POOR * search.promised))
+
+    factor = jnp.linalg.qr(jnp.concatenate([jacobian / lengths[None], found[:, None]], axis=1), mode="r")
+    count = trial.size
+    residuals = jnp.where(accepted, found, search.residuals)
+    triangle = jnp.where(accepted, factor[:count, :count], search.triangle)
+    turned = jnp.where(accepted, factor[:count, count], search.turned)
+    place = jnp.where(accepted, search.trial, search.place)
+    one = jnp.ones_like(search.size)
+    wider = jnp.where((change < _GOOD * search.promised) & ~first, _WIDER * one, one)
+    size = search.size * jnp.where(accepted, wider, _NARROWER * one)
+
+    step = _damped(triangle, turned, size)
+    ahead = triangle @ step + turned
+    promised = jnp.sum(ahead**2) / 2 - jnp.sum(turned**2) / 2
+
+    settled = accepted & ~first & _small(search.trial - search.place, search.trial, search)
+    settled = settled & _small(found - search.residuals, found, search)
+    # A further step could gain less than the rounding of the sum of squares.
+    hidden = ~accepted & (jnp.abs(search.promised) <= 8 * jnp.finfo(trial.dtype).eps * search.loss)
+    converged = settled | hidden
+    after = Search(
+        search.start, lengths, place, residuals, triangle, turned, jnp.where(accepted, good, search.good),
+        place + step, promised, size, search.relative, search.absolute, search.steps + 1, converged,
+        converged | (first & ~finite),
+    )  # fmt: skip
+    return jax.tree.map(lambda old, new: jnp.where(search.finished, old, new), search, after)
+
+
+def _damped(triangle: Float[Array, "u u"], turned: Float[Array, " u"], size: Float[Array, ""]) -> Float[Array, " u"]:
+    """The step d that minimises |R d + q|^2 + |d|^2 / size."""
+    count = turned.size
+    damping = jnp.eye(count, dtype=turned.dtype) / jnp.sqrt(size)
+    stacked = jnp.concatenate(
+        [jnp.concatenate([triangle, turned[:, None]], axis=1), jnp.pad(damping, ((0, 0), (0, 1)))], axis=0
+    )
+    factor = jnp.linalg.qr(stacked, mode="r")
+    return -jax.scipy.linalg.solve_triangular(factor[:count, :count], factor[:count, count])
+
+
+def _small(change: Array, value: Array, search: Search) -> Bool[Array, ""]:
+    """Whether the change of every entry counts as none."""
+    return jnp.all(jnp.abs(change) < search.absolute + search.relative * jnp.abs(value))
+
+
+def _stages(plan: Plan, data: Data, ends: Sequence[float] = ()) -> list[tuple[Problem, Data]]:
+    """What is minimised, each from the result of the previous one; the last gives the maximum-likelihood estimate.
+
+    With several segments, multiple shooting is first. Then only the values up to each of the `ends` are fitted.
+    """
+
+    def until(end: float) -> Data:
+        late = [np.asarray(m.times).reshape(-1, *[1] * (m.present.ndim - 1)) > end for m in data.measurements]
+        present = [jnp.asarray(np.asarray(m.present) & ~x) for m, x in zip(data.measurements, late, strict=True)]
+        return eqx.tree_at(lambda d: [m.present for m in d.measurements], data, present)
+
+    single = plan.problem.single()
+    shooting = [(plan.problem, data)] if plan.problem.grid.segments > 1 else []
+    return [*shooting, *((single, until(end)) for end in ends), (single, data)]
+
+
+def _entered(problem: Problem, data: Data, vector: Float[Array, " p"]) -> tuple[Data, Float[Array, " u"]]:
+    """The data of a stage, with the anchors of multiple shooting, and its unknowns at a vector of the parameters."""
+    if problem.grid.segments == 1:
+        return data, vector
+    anchored = problem.anchored(data, vector)
+    assert anchored.anchors is not None
+    increments = jnp.zeros(anchored.anchors.minus(anchored.anchors).size, vector.dtype)
+    return anchored, jnp.concatenate([vector, increments])
+
+
+def _starts(plan: Plan, data: Data) -> Float[Array, "s p"]:
+    start = data.layout.start()
+    return start[None] + plan.starts.astype(start.dtype)
+
+
+def _over_starts(several: bool, function: Any) -> Any:
+    """A function of one start, mapped over all starts; a single start is not mapped, which compiles faster."""
+    if several:
+        return jax.vmap(function)
+    return lambda *rows: jax.tree.map(lambda x: x[None], function(*jax.tree.map(lambda x: x[0], rows)))
 
 
 def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Measurement]) -> Estimate:
@@ -87,116 +229,109 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Meas
         >>> many.values["momentum"].shape, bool(many.ok.all())
         ((20, 3), True)
     """
-    several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
-    data = Data(Layout(guess), several)
-    found = over_starts(plan.starts.shape[0] > 1, lambda vector: _optimum(plan, data, vector))(starts_of(plan, data))
-    return estimate_of(plan.absolute_sigma, data, found)
+    listed = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
+    data = Data(Layout(guess), listed)
+
+    def optimum(vector: Float[Array, " p"]) -> Search:
+        taken: Any = 0
+        found: Any = None
+        for problem, part in _stages(plan, data):
+            found = _minimised(plan, problem, *_entered(problem, part, vector))
+            vector, taken = found.vector[: vector.size], taken + found.steps
+        return replace(found, steps=taken)
+
+    found = _over_starts(plan.starts.shape[0] > 1, optimum)(_starts(plan, data))
+    return _best(plan.absolute_sigma, data, found)
 
 
-def starts_of(plan: Plan, data: Data) -> Float[Array, "s p"]:
-    """The unconstrained numbers of all starts."""
-    start = data.layout.start()
-    return start[None] + plan.starts.astype(start.dtype)
-
-
-def over_starts(several: bool, function: Any) -> Any:
-    """A function of one start, mapped over all starts; a single start is not mapped, which compiles faster."""
-    if several:
-        return jax.vmap(function)
-    return lambda *rows: jax.tree.map(lambda x: x[None], function(*jax.tree.map(lambda x: x[0], rows)))
-
-
-def estimate_of(absolute_sigma: bool, data: Data, found: Optimum) -> Estimate:
-    """The estimate from the best of the optima (s, ...); one that did not converge counts only if no other did."""
-    losses = jnp.sum(found.residuals**2, axis=-1)
-    losses = jnp.where(jnp.isnan(losses), jnp.full_like(losses, jnp.inf), losses)
-    best = jnp.lexsort((losses, ~found.converged))[0]
-    vector, residuals, jacobian, good, steps, converged = jax.tree.map(lambda x: x[best], found)
-    return estimate_at(data, vector, (residuals, good, jacobian), steps, converged, absolute_sigma)
-
-
-def _optimum(plan: Plan, data: Data, vector: Float[Array, " p"]) -> Optimum:
-    """The optimum near one start.
-
-    With several segments, multiple shooting is solved first. Its parameters are the start for the problem with one
-    segment, whose optimum is the maximum-likelihood estimate.
-    """
-    *before, last = stages(plan)
-    taken: Array = jnp.zeros((), jnp.int32)
-    for problem in before:
-        stage, start = stage_of(problem, data, vector)
-        found = _minimised(plan, problem, stage, start)
-        vector, taken = found.vector[: vector.size], taken + found.steps
-    found = _minimised(plan, last, data, vector)
-    return found._replace(steps=found.steps + taken)
-
-
-def stages(plan: Plan) -> list[Problem]:
-    """The problems that are solved one after the other: with the segments, if there are several, and without."""
-    single = plan.problem.single()
-    return [single] if plan.problem.grid.segments == 1 else [plan.problem, single]
-
-
-def stage_of(problem: Problem, data: Data, vector: Float[Array, " p"]) -> tuple[Data, Float[Array, " u"]]:
-    """The data of a stage, and its unknowns at a vector of the parameters."""
-    if problem.grid.segments == 1:
-        return data, vector
-    anchored = problem.anchored(data, vector)
-    return anchored, jnp.concatenate([vector, unknowns(anchored)[vector.size :]])
-
-
-def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
-    """The search of a stage before its first step."""
-    count = sum(m.present.size for m in data.measurements) + start.size - data.layout.size
-    tolerance = _TOLERANCE[start.dtype.name]
-    return Search.begin(start, count, tolerance, _rounding(problem, data, tolerance))
-
-
-def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
-    """The minimum of the sum of squares near a start."""
+def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
     if plan.solver is not None:
-        return _by_optimistix(plan, problem, data, start)
-
-    def unfinished(search: Search) -> Array:
-        return ~search.finished & (search.steps < plan.max_steps)
-
-    search = begin(problem, data, start)
-    return Optimum.of(jax.lax.while_loop(unfinished, lambda s: look(s, data, problem), search))
-
-
-def _by_optimistix(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
-    """The same minimum by a solver of optimistix, which sees the unknowns in the scale of `Search`.
-
-    The solver works in JAX's default dtype, which optimistix uses for its own numbers; the run, in that of the data.
-    """
-    _, _, jacobian = jacobian_of(start, data, problem)
-    lengths = lengths_of(jacobian)
-
-    def scaled(z: Array, args: tuple[Array, Array, Data]) -> Array:
-        start, lengths, data = args
-        return residuals(start + z.astype(start.dtype) / lengths, data, problem)[0].astype(z.dtype)
-
-    solution = optx.least_squares(
-        scaled,
-        plan.solver,
-        jnp.zeros(start.size),
-        (start, lengths, data),
-        options={"jac": "fwd"} if isinstance(plan.solver, optx.AbstractLeastSquaresSolver) else {},
-        max_steps=plan.max_steps,
-        throw=False,
+        return _by_solver(plan.solver, plan.max_steps, problem, data, start)
+    return jax.lax.while_loop(
+        lambda search: ~search.finished & (search.steps < plan.max_steps),
+        lambda search: look(search, data, problem),
+        begin(problem, data, start),
     )
-    vector = start + solution.value.astype(start.dtype) / lengths
-    converged = (solution.result == optx.RESULTS.successful) & jnp.all(jnp.isfinite(vector))
-    found, good, jacobian = jacobian_of(vector, data, problem)
-    return Optimum(vector, found, jacobian, good, jnp.asarray(solution.stats["num_steps"], jnp.int32), converged)
 
 
-def _rounding(problem: Problem, data: Data, least: float) -> Array:
-    """The change of a residual that counts as none: `least`, or the rounding error of a run if that is larger.
+def _by_solver(solver: Solver, max_steps: int, problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
+    """By a custom solver, which sees the unknowns in the scale of `Search` and JAX's default dtype."""
+    lengths = lengths_of(jacobian_of(start, data, problem)[2])
 
-    Otherwise the optimiser would never end if sigmas are small relative to the rounding of the measured values.
+    def scaled(z: Array) -> Array:
+        return residuals(start + z.astype(start.dtype) / lengths, data, problem).astype(z.dtype)
+
+    optimum, steps, converged = solver(scaled, jnp.zeros(start.size), max_steps)
+    vector = start + optimum.astype(start.dtype) / lengths
+    converged = jnp.asarray(converged) & jnp.all(jnp.isfinite(vector))
+    return replace(
+        look(begin(problem, data, vector), data, problem), steps=jnp.asarray(steps, jnp.int32), converged=converged
+    )
+
+
+def _best(absolute_sigma: bool, data: Data, found: Search) -> Estimate:
+    """The estimate from the best of the searches (s, ...); one that did not converge counts only if no other did."""
+    losses = jnp.where(jnp.isnan(found.loss), jnp.full_like(found.loss, jnp.inf), found.loss)
+    first = jnp.lexsort((losses, ~found.converged))[0]
+    best: Search = jax.tree.map(lambda x: x[first], found)
+    jacobian = best.triangle * best.lengths[None]
+    at_optimum = (best.residuals, best.good, jacobian)
+    return estimate_at(data, best.vector, at_optimum, best.steps, best.converged, absolute_sigma)
+
+
+def solved(
+    plan: Plan, data: Data, progress: bool | Callable[[int], Any] | None, ends: Sequence[float] = ()
+) -> Estimate:
+    """The result of `fit_arrays`, computed step by step from Python; a custom solver shows no progress.
+
+    The measurements up to each of the `ends` are fitted first, by the same program.
     """
-    noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
-    sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
-    rounded = [noise * jnp.finfo(size.dtype).eps * size for size in sizes]
-    return jnp.maximum(jnp.max(jnp.stack(rounded)), least)
+    if plan.solver is not None:
+        return jax.block_until_ready(_whole(plan, data.layout.guess, data.measurements))
+    shown = sys.stderr.isatty() if progress is None else progress
+    several, vectors, taken, search = plan.starts.shape[0] > 1, _starts(plan, data), np.zeros((), np.int32), None
+    try:
+        for problem, part in _stages(plan, data, ends):
+            anchors, starts = _enter(several, problem, part, vectors)
+            search = _begin(several, problem, part, starts)
+            while not np.all(search.finished) and np.max(search.steps) < plan.max_steps:
+                search = _look(several, problem, part, anchors, search)
+                if callable(shown):
+                    shown(1)
+                elif shown:
+                    step, loss = np.max(search.steps + taken), np.nanmin(np.append(search.loss, np.inf))
+                    print(f"\r\033[Kfit: step {step}, loss {loss:.6g}", end="", file=sys.stderr, flush=True)
+            vectors, taken = search.vector[:, : data.layout.size], taken + search.steps
+        assert search is not None
+        return jax.block_until_ready(_estimate(plan.absolute_sigma, data, replace(search, steps=taken)))
+    finally:
+        if shown is True:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+# The programs get only those parts of the plan that they need: for any change of another part they would be compiled
+# again.
+_whole = exact_jit(fit_arrays)
+_estimate = exact_jit(_best)
+
+
+@exact_jit
+def _enter(several: bool, problem: Problem, data: Data, vectors: Array) -> tuple[Any, Array]:
+    def one(vector: Array) -> tuple[Any, Array]:
+        entered, start = _entered(problem, data, vector)
+        return entered.anchors, start
+
+    return _over_starts(several, one)(vectors)
+
+
+@exact_jit
+def _begin(several: bool, problem: Problem, data: Data, starts: Array) -> Search:
+    return _over_starts(several, lambda start: begin(problem, data, start))(starts)
+
+
+@exact_jit
+def _look(several: bool, problem: Problem, data: Data, anchors: Any, search: Search) -> Search:
+    def one(anchors: Any, search: Search) -> Search:
+        return look(search, eqx.tree_at(lambda d: d.anchors, data, anchors, is_leaf=lambda x: x is None), problem)
+
+    return _over_starts(several, one)(anchors, search)

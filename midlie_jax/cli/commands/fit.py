@@ -9,7 +9,7 @@ import numpy as np
 
 from ...fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
 from ...fitting import fit as run_fit
-from ...fitting.doubts import Doubt
+from ...fitting.noise import Doubt
 from ...model.bodies import RigidBody
 from ...model.states import DirectionState, MomentumState
 from .fit_data import UNITS_OF_RATE, UNITS_OF_TIME, Columns, Field, FieldColumns, Table, read, read_field

@@ -1,4 +1,4 @@
-"""`Problem`: what a fit minimises, as a pure function of a vector, differentiated in forward mode.
+"""What a fit minimises: the residuals of all measurements as a pure function of one vector, and their Jacobian.
 
 With one segment the vector holds the parameters. With several (multiple shooting) the states at the starts of the
 second and later segments are further unknowns, appended to the vector; the differences between the end of a segment and
@@ -21,56 +21,46 @@ from jaxtyping import Bool, Float, Int
 from ..methods.base import Method
 from ..model.state import AnyState
 from ..model.states import TravellingState
-from .layout import Layout
-from .measurements import Attitudes, Measurement, Rates
+from .instruments import Attitudes, Rates
+from .measurements import Measurement
+from .parameters import Layout
 from .sampling import Grid
 
 Model = Callable[[Any], tuple[Any, Any, AnyState]]
 
 
 class Data(eqx.Module):
-    """What the residuals depend on besides the unknowns; every array may be mapped over.
-
-    Attributes:
-        layout: the parameters.
-        measurements: the measurements.
-        anchors: with multiple shooting, reference states (segments - 1, ...): the unknowns are increments from them to
-            the starts of the second and later segments; otherwise None.
-    """
+    """What the residuals depend on besides the unknowns; every array may be mapped over."""
 
     layout: Layout
     measurements: tuple[Measurement, ...]
+    # With multiple shooting, reference states (segments - 1, ...): the unknowns are increments from them to the starts
+    # of the second and later segments.
     anchors: AnyState | None = None
 
 
 class Problem(eqx.Module):
-    """The fixed part of a fit: made and checked once, and the same for all data sets.
+    """The fixed part of a fit: made and checked once, and the same for all data sets."""
 
-    Attributes:
-        model: the function that takes values of the parameters to (body, torque, start).
-        method: the method of the run.
-        grid: the steps.
-        continuity: the weight of the defects of multiple shooting: a relative change of the momentum, or a rotation in
-            radians, of size 1 / `continuity` counts as one standard deviation.
-    """
-
-    model: Model = eqx.field(static=True)
+    model: Model = eqx.field(static=True)  # from values of the parameters to (body, torque, start)
     method: Method = eqx.field(static=True)
     grid: Grid
-    continuity: float = eqx.field(static=True)
+    continuity: float = eqx.field(static=True)  # the weight of the jumps of multiple shooting, see `fit`
 
     def single(self) -> "Problem":
         """The problem without multiple shooting."""
         return replace(self, grid=self.grid.whole())
 
     def run(self, vector: Float[Array, " u"], data: Data) -> tuple[Any, Any, Any, AnyState]:
-        """The values of the parameters, the body, the paths of the segments, and their starts (segments, ...)."""
+        """The values of the parameters, the body, the torque with the paths of the segments, and their starts."""
         count = data.layout.size
         values = data.layout.values(vector[:count])
         body, torque, start = self.model(values)
         starts = jax.tree.map(lambda x: x[None], start)
         if data.anchors is not None:
-            later = _moved(data.anchors, vector[count:].reshape(self.grid.segments - 1, -1))
+            # Increments, in which the change of the momentum is in units of its length.
+            moves = vector[count:].reshape(self.grid.segments - 1, -1)
+            later = data.anchors.plus(moves * _units(data.anchors, moves))
             starts = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), starts, later)
         return values, body, (torque, self.grid.run(self.method, body, torque, starts)), starts
 
@@ -87,8 +77,9 @@ class Problem(eqx.Module):
             found.append(measurement.of_run(torque, times[begin:end]).residuals(values, body, here))
             begin = end
         if data.anchors is not None:
-            ends = jax.tree.map(lambda x: x[:-1, -1], paths.states)
-            found.append(self.continuity * _defects(ends, jax.tree.map(lambda x: x[1:], starts)).reshape(-1))
+            ends, later = jax.tree.map(lambda x: x[:-1, -1], paths.states), jax.tree.map(lambda x: x[1:], starts)
+            increments = later.minus(ends)
+            found.append(self.continuity * (increments / _units(later, increments)).reshape(-1))
         return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok)
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
@@ -118,30 +109,8 @@ def _nearest(measurement: Measurement, times: Float[Array, " s"]) -> Int[Array, 
     return jnp.argmin(jnp.where(missing[None], jnp.full_like(distances, jnp.inf), distances), axis=-1)
 
 
-def unknowns(data: Data) -> Float[Array, " u"]:
-    """The vector at the guess and the anchors."""
-    vector = data.layout.start()
-    if data.anchors is None:
-        return vector
-    return jnp.concatenate([vector, jnp.zeros(data.anchors.minus(data.anchors).size, vector.dtype)])
-
-
-def _moved(states: AnyState, moves: Float[Array, "s k"]) -> AnyState:
-    """The states moved by increments, in which the change of the momentum is in units of its length."""
-    return states.plus(moves * _units(states, moves))
-
-
-def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
-    """The increments from the ends of segments to the starts of the next, in the units of `_moved`."""
-    increments = starts.minus(ends)
-    return increments / _units(starts, increments)
-
-
 def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s k"]:
-    """The units of increments: the length of the momentum for its three numbers, and 1 radian for the turn.
-
-    For a body that travels, also the lengths of linear momentum and position for theirs. A length of zero counts as 1.
-    """
+    """The units of increments: the lengths of momenta and position, 1 if zero, and 1 radian for the rotation."""
 
     def unit(vectors: Array) -> Array:
         size = jnp.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -153,29 +122,8 @@ def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s
     return units
 
 
-@eqx.filter_custom_jvp
-def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array]:
-    """`Problem.residuals`, whose derivative with respect to the vector is always computed in forward mode.
-
-    Without this, an optimiser would store every intermediate of the run to linearise it; here it stores the Jacobian.
-    """
-    return problem.residuals(vector, data)
-
-
-@residuals.def_jvp
-def _(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
-    vector, data, problem = primals
-    along, along_data, _ = tangents
-    found, ok, jacobian = jacobian_of(vector, data, problem)
-    change = jnp.zeros_like(found) if along is None else jacobian @ along
-    if any(leaf is not None for leaf in jax.tree.leaves(along_data)):
-        _, (more, _) = eqx.filter_jvp(lambda d: problem.residuals(vector, d), (data,), (along_data,))
-        change = change + more
-    return (found, ok), (change, None)
-
-
 def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array, Float[Array, "r u"]]:
-    """The residuals (r,), whether every step was good, and the Jacobian (r, u)."""
+    """The residuals (r,), whether every step was good, and the Jacobian (r, u), in forward mode."""
 
     def twice(v: Array) -> tuple[Array, tuple[Array, Array]]:
         found, ok = problem.residuals(v, data)
@@ -183,3 +131,24 @@ def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tup
 
     jacobian, (found, ok) = jax.jacfwd(twice, has_aux=True)(vector)
     return found, ok, jacobian
+
+
+@eqx.filter_custom_jvp
+def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> Array:
+    """`Problem.residuals`, whose derivative with respect to the vector is always computed in forward mode.
+
+    Without this, a custom solver would store every intermediate of the run; here it stores the Jacobian.
+    """
+    return problem.residuals(vector, data)[0]
+
+
+@residuals.def_jvp
+def _(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    vector, data, problem = primals
+    along, along_data, _ = tangents
+    found, _, jacobian = jacobian_of(vector, data, problem)
+    change = jnp.zeros_like(found) if along is None else jacobian @ along
+    if any(leaf is not None for leaf in jax.tree.leaves(along_data)):
+        _, more = eqx.filter_jvp(lambda d: problem.residuals(vector, d)[0], (data,), (along_data,))
+        change = change + more
+    return found, change
