@@ -205,7 +205,7 @@ def test_increments_are_added_and_found_again():
 
 def test_what_is_for_rigid_bodies_alone_says_so():
     fitted = ml.fitting.Rates(jnp.linspace(0.1, 0.6, 6), jnp.ones((6, 3)), 0.1)
-    with pytest.raises(ValueError, match="Rates are of rigid bodies, but the model returned a Traveller"):
+    with pytest.raises(ValueError, match="Rates must be of a rigid body, got a Traveller from the model"):
         ml.fit(
             lambda values: (BODY, pull(values["w"]), START),
             {"w": ml.fitting.Free(2.0)},
