@@ -1,7 +1,7 @@
 """`FreeState` and `FreeAxisState`: a body that rotates and translates."""
 
-# Static methods of other states are class methods here, because they read the class of the rotation. pyright:
-# reportIncompatibleMethodOverride=false
+# Static methods of other states are class methods here, because they read the kind of rotation or of the member.
+# pyright: reportIncompatibleMethodOverride=false
 
 from typing import Any, ClassVar
 

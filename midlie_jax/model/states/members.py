@@ -4,8 +4,8 @@ The whole step, including the torque function, is then written on scalars and co
 as for a single body. Every method applies the method of the one-body state to each body.
 """
 
-# Static methods of other states are class methods here, because they read the class of the members. pyright:
-# reportIncompatibleMethodOverride=false
+# Static methods of other states are class methods here, because they read the kind of rotation or of the member.
+# pyright: reportIncompatibleMethodOverride=false
 
 from collections.abc import Callable
 from functools import reduce
