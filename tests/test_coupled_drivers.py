@@ -253,5 +253,5 @@ def test_the_energy_is_computed_by_one_compiled_program():
 
 def test_check_is_for_few_bodies():
     state = jax.tree.map(lambda x: jnp.concatenate([x] * 8), start("five"))
-    with pytest.raises(ValueError, match="32 at most"):
+    with pytest.raises(ValueError, match="at most 32 coupled bodies"):
         ml.check("JACOBI[EA]", ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0), None, state, dt=0.1)

@@ -16,7 +16,7 @@ from .parser import read
 _CACHE_BYTES = 2**28
 
 
-def command() -> int:
+def command(arguments: Sequence[str] | None = None) -> int:
     """Runs the command in a process of its own, and keeps the compiled programs for the next one.
 
     They are in the user's cache folder, for each machine apart, in at most 256 MB. The environment variables of JAX
@@ -29,7 +29,7 @@ def command() -> int:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
         os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_CACHE_BYTES))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
-    return main()
+    return main(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
