@@ -145,5 +145,5 @@ def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from()
         assert frontier.best_at(ours, error).spread == pytest.approx(spread, nan_ok=True)
     (row,) = frontier.ratios(ours, line("CF4", 4, 0.25), NAMES, [1e-6])
     shown = dict(zip(frontier.HEADS, frontier.cells(row), strict=False))
-    assert shown["general: us a body"].endswith(" ±30%")
-    assert "±" not in shown["best rival: us a body"]
+    assert shown["general: µs per body"].endswith(" ±30%")
+    assert "±" not in shown["best rival: µs per body"]
