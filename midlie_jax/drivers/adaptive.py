@@ -1,28 +1,29 @@
 """`integrate_adaptive`: a driver with variable steps, whose step control is reversible in time.
 
-A step chosen from an error estimate depends on the past only, and a symmetric method loses its good long-time
-behaviour. Here the inverse of the step is a separate variable that is integrated along with the motion (Hairer &
+A step chosen from an error estimate depends only on the past, which destroys the good long-time behaviour of a
+symmetric method. Here the inverse of the step is a separate variable that is integrated along with the motion (Hairer &
 Soderlind, "Explicit, time reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005) 1838). The density
 Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt along the motion, a step is
 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
-the same steps backwards. A step costs one derivative of the density along the motion more than a step of `integrate`.
+the same steps backwards. Compared with a step of `integrate`, a step needs one more derivative of the density along the
+motion.
 
-Measured gain (`python benchmarks/adaptive.py`): large where the time scale of the motion changes. On an orbit of
-eccentricity .6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and from
-5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the top
-of Bruls and Cardona it doubles (a gain of .48, JACOBI[EA], density from the size of the torque). The energy of a
-swinging Lagrange top does not drift in 2.6e5 steps: its largest error is 1.3e-3 both in the first and in the last
-eighth of the run. With the density taken at the start of each step these errors are 3.7e-2 and 1.5e-1. The absence of
-drift holds for motions that are integrable or nearly so. For an asymmetric top the mean of the energy error wanders
-between 3.1e-3 and -2.9e-3, and a constant step is better.
+Measured by `python benchmarks/adaptive.py`: the gain is large where the time scale of the motion changes. On an orbit
+of eccentricity 0.6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and
+from 5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the
+top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). The energy of a
+swinging Lagrange top does not drift in 2.6e5 steps. Its largest error is 1.3e-3 both in the first and in the last
+eighth of the run. With the density evaluated at the beginning of each step, these errors are 3.7e-2 and 1.5e-1. Energy
+does not drift for motions that are integrable or nearly so. For an asymmetric top the mean energy error varies between
+3.1e-3 and -2.9e-3, and a constant step is better.
 
 The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
 and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
-bit. A body that has reached t1 or has failed takes such steps while the rest of the batch goes on, without a select
-over its state.
+bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues; no select over its
+state is needed.
 """
 
 from functools import partial
@@ -57,25 +58,23 @@ from .results import result_of
 
 # The last step may exceed dt / half by this fraction. Otherwise rounding could leave one more, tiny step.
 _SLACK = 1e-3
-# The run fails where rho and the density differ by more than this factor: the steps no longer follow the density.
+# The run fails if rho and the density differ by more than this factor: the steps no longer follow the density.
 _LARGEST_FACTOR = 2.0
-# At most this many steps are taken between two checks whether every body has reached t1.
+# At most this many steps between two checks that every body has reached t1.
 _BLOCK = 32
 
 
 class _Clock(NamedTuple):
-    """The state of the step control at time t."""
-
     t: Array
-    residue: Array  # the rounding error of t, to be added to t: without it float32 would lose the time
+    residue: Array  # rounding error of t, to be added to t; without it, float32 would lose the time
     rho: Array
     half: Array  # rho in the middle of the next step
     h: Array  # the next step
     last: Array  # whether the next step ends at t1
-    taken: Array  # number of steps taken
+    taken: Array  # steps taken
 
 
-@overload  # what is observed takes the place of the states
+@overload  # the return type follows `observe`
 def integrate_adaptive(
     method: Method | str,
     body: Body,
@@ -124,41 +123,44 @@ def integrate_adaptive(
     adjoint: Adjoint | None = None,
     observe: Any = None,
 ) -> AdaptivePath[StateT]:
-    """Integrates one body with steps of about dt / density, reversibly; map over any argument with `jax.vmap`.
+    """Integrates one body reversibly with steps of about dt / density; supports `jax.vmap` over any argument.
 
-    Without `t1` the run takes `steps` steps: the bodies of a batch end at different times, and no step is wasted. With
-    `t1` it takes at most `steps`: a batch runs until its slowest body has reached `t1`, which is checked every 32 steps
-    or sooner. A body that has reached `t1` costs as much as one that still moves, so put bodies with similar numbers of
-    steps in one batch. Each body has its own times, so what depends on time alone, such as a common orbit, is computed
-    per body.
+    Without `t1` the run takes `steps` steps. The bodies of a batch end at different times, and no step is wasted. With
+    `t1` it takes at most `steps`. A batch then runs until its slowest body has reached `t1`, which is checked at least
+    every 32 steps. A body that has reached `t1` needs as much run time as one that still moves, so put bodies with
+    similar numbers of steps in one batch. Each body has its own times. Functions of time alone, such as a common orbit,
+    are therefore computed per body.
 
-    Reversible: a run with -dt from the last state, with the last `rho` of the path as `rho`, takes the same steps and
-    returns to the start up to rounding. A run that ends at `t1` is not reversible, because its last step is cut short.
+    The run is reversible: start at the last state with -dt, and pass the last `rho` of the path as `rho`. It then takes
+    the same steps and returns to the initial state up to rounding. A run that ends at `t1` is not reversible, because
+    its last step is cut short.
 
-    Compiled on the first call for each method, torque, density function, shape and step count. Differentiable in
-    every array, forward and reverse; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
+    Compiled on the first call for each method, torque, density function, shape and number of steps. Differentiable with
+    respect to every array, in forward and reverse mode; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
 
     Args:
         method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
         body, torque, start, t0, observe: as for `midlie_jax.integrate`.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
-            function object again to reuse what was compiled.
-        dt: the length of a step where the density is 1, (), may be negative.
-        steps: number of steps; with `t1` the largest number.
-        save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state
-            repeat. None: the state at the end alone.
+            function object to reuse the compiled program.
+        dt: step length where the density is 1, (), may be negative.
+        steps: number of steps; with `t1` the maximum.
+        save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state are
+            repeated. None: only the final state.
         t1: the exact end time, (); dt must point from t0 to t1.
-        rho: the initial rho, (); by default the density at the start. To continue or to reverse a run from a state,
-            pass the entry of its path's `rho` at that state.
+        rho: the initial rho, (); by default the density at the initial state. To continue or reverse a run from a saved
+            state, pass the entry of `path.rho` at that state.
         adjoint: `Checkpointed()`, the default without `t1`; or `Forward()`, the default with `t1`, which stops when all
-            bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, as reverse mode needs.
+            bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, because reverse mode needs a
+            fixed number.
 
     Returns:
-        The path. A failure shows as False in `path.ok`, never as an exception; a body that failed stays where it is.
+        The path. If the run fails, `path.ok` is False, and no exception is raised. A body that failed does not move any
+        more.
 
     Raises:
-        ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the cure.
-            It is raised before anything is traced.
+        ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the
+            remedy. It is raised before anything is traced.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -212,9 +214,9 @@ def integrate_adaptive(
 
 
 def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
-    """Raises unless the first step, dt over the density, moves the clock; numbers that are traced are not checked."""
+    """Raises unless the first step, dt / density, changes the time; traced numbers are not checked."""
     if cp.is_traced(density, dt, t0, rho, start) or abs(dt) >= LEAST_ULPS * cp.epsilon(dt) * abs(t0):
-        return  # as in every ordinary run
+        return  # the ordinary case
     value = density(t0, start) if rho is None else rho
     check_clock(t0, jnp.where(jnp.asarray(value) > 0, dt / value, dt))
 
@@ -254,7 +256,8 @@ def _run(
     progress = method.begin(system, start, t0)
     value, slope = _density_and_slope(system, density, t0, progress)
     clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
-    # Two checkpoints, because each reverse derivative of a derivative removes one: see `_xla.keep.recomputed`.
+    # Two checkpoints are needed, because each reverse derivative of a derivative removes one; see
+    # `_xla.keep.recomputed`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
 
     def take_steps(carry: Any, count: int) -> Any:
@@ -292,14 +295,14 @@ def _run(
 
 
 def _first_clock(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
-    # All fields are computed from rho, so that they have the type of the motion, also on a mesh of devices.
+    # All fields are computed from rho, so that they have the type of the motion on a mesh of devices as well.
     zero = jnp.zeros_like(rho)
     clock = _Clock(t0 + zero, zero, rho, rho, zero, jnp.zeros_like(rho, bool), jnp.zeros_like(rho, jnp.int32))
     return _with_next_step(clock, dt, t1, slope, jnp.ones_like(rho, bool))
 
 
 def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
-    """The times at both ends of the next step; and its end time with the rounding error (Kahan's summation)."""
+    """The times at both ends of the next step, and the end time with its rounding error (Kahan's summation)."""
     clock, t1 = clock_and_t1
     increment = clock.h + clock.residue
     t_end = clock.t + increment
@@ -313,7 +316,7 @@ def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Arr
 def _clock_after_step(
     clock: _Clock, t_end: Array, residue: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
 ) -> tuple[_Clock, Array]:
-    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at the step's end; and whether the run is ok."""
+    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at its end, and whether the run is ok."""
     moved = clock.h != 0
     rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
     ok = ok & _follows(rho, value)
@@ -323,12 +326,12 @@ def _clock_after_step(
 
 
 def _follows(rho: Array, value: Array) -> Array:
-    """Whether the density is positive and rho is near it; rho is not near it after the density has jumped."""
+    """Whether the density is positive and close to rho; after a jump of the density it is not."""
     return (value > 0) & (rho <= _LARGEST_FACTOR * value) & (value <= _LARGEST_FACTOR * rho)
 
 
 def _with_next_step(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array) -> _Clock:
-    """The clock with its next step: zero if the run has failed, if rho would become negative, or if t1 is reached."""
+    """The clock with its next step; zero if the run has failed, rho would become negative, or t1 is reached."""
     half = clock.rho + dt / 2 * slope
     ok = ok & (half > 0)
     h = jnp.where(ok, dt / jnp.where(ok, half, jnp.ones_like(half)), jnp.zeros_like(half))
@@ -336,14 +339,13 @@ def _with_next_step(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok
         return clock._replace(half=half, h=h)
     remaining = (t1 - clock.t) - clock.residue
     last = ok & (remaining * jnp.sign(dt) <= jnp.abs(h) * (1 + _SLACK))
-    # Where dt points away from t1 the step is zero.
+    # The step is zero if dt points away from t1.
     remaining = jnp.where(remaining * jnp.sign(dt) > 0, remaining, jnp.zeros_like(remaining))
     away = (t1 - clock.t) * jnp.sign(dt) < 0
     return clock._replace(half=half, h=jnp.where(last, remaining, h), last=last & ~away)
 
 
 def _density_and_slope(system: System, density: Any, t: Array, progress: Progress) -> tuple[Array, Array]:
-    """The density Q and its slope d(log Q)/dt along the motion."""
     motion = progress.motion
     force = system.force(t, motion) if progress.force is None else progress.force
     velocity = system.velocity(motion.momentum)
@@ -354,7 +356,7 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    """The density of a motion in components, evaluated in the way in which torques are."""
+    """The density of a motion in components, evaluated like a torque."""
     value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
     if like.shape:
         raise ValueError(
@@ -364,7 +366,7 @@ def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) 
 
 
 def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
-    """The carry after `blocks` blocks of steps; after fewer if by then the next step of every body is zero."""
+    """The carry after `blocks` blocks of steps, or fewer if the next step of every body is zero before."""
 
     def moves(state: Any) -> Array:
         count, (_, clock) = state
@@ -375,5 +377,4 @@ def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
 
 
 def _block(count: int) -> int:
-    """The largest divisor of `count` that is at most _BLOCK."""
     return max(n for n in range(1, _BLOCK + 1) if count % n == 0)

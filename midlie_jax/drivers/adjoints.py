@@ -1,8 +1,7 @@
-"""How a run is differentiated: `Checkpointed`, `Reversible` and `Forward`, the choices of `adjoint=`.
+"""`Checkpointed`, `Reversible` and `Forward`: how a run is differentiated (`adjoint=`).
 
-The values of a run do not depend on the choice. The choices differ in how the reverse derivative gets the states that
-it needs, from the last to the first: it keeps some states and computes the others again, or it takes every step
-backwards.
+The values of a run do not depend on the adjoint. Adjoints differ in how reverse mode gets the states it needs, from the
+last to the first. Some states are kept and the others recomputed, or every step is taken backwards.
 """
 
 from abc import abstractmethod
@@ -24,14 +23,14 @@ from .._xla.rules import fits
 from ..methods.base import Method, Progress
 from ..methods.system import System
 
-# Numbers of one body. What a derivative keeps of a run is written to memory and read again. While that of a few hundred
-# bodies fits the last cache, this takes less time than to compute the steps again, and beyond the cache more; the steps
-# between two kept states should fit the second-level cache (`benchmarks/gradients.py`).
+# Counts of numbers per body. The states that a derivative keeps are written to memory and read again. If the kept
+# states of a few hundred bodies fit the last-level cache, this is faster than recomputing the steps; otherwise it is
+# slower. The steps between two kept states should fit the second-level cache (`benchmarks/gradients.py`).
 _ALL, _BETWEEN = 10_240, 1024
-_SHORTEST = 8  # steps between two kept states, for which it is worthwhile to compute them again
+_SHORTEST = 8  # minimum number of steps between two kept states
 _INTERVALS = 16  # between the states that a reversible run keeps
-# The most steps backwards from a kept state. Rounding changes the momentum by about eps per step, and thereby the
-# attitude: after n steps of one radian, in a regular motion, its error is about n^1.5 eps, here 4e-9 and 1.4e-3
+# The most backward steps from a kept state. Rounding changes the momentum by about eps per step, and therefore the
+# attitude. After n steps of one radian in a regular motion, the attitude error is about n^1.5 eps, here 4e-9 and 1.4e-3
 # radians.
 _FARTHEST = {"float64": 2**16, "float32": 2**9}
 Step = Callable[..., Progress]
@@ -41,16 +40,17 @@ class Steps(NamedTuple):
     """Consecutive steps of one run.
 
     Attributes:
-        take: the progress after a step, from the progress before it and its inputs.
-        take_back: the progress before a step of a symmetric method, from the progress after the step and its inputs;
-            and what `take_again` can use of this computation.
-        take_again: like `take`, but used for the derivative alone; its third argument is what `take_back` found out.
+        take: returns the progress after a step from the progress before it and the inputs of the step.
+        take_back: returns the progress before a step of a symmetric method from the progress after it and the inputs.
+            It also returns intermediate results for `take_again`.
+        take_again: like `take`, but used only for the derivative; its third argument is the intermediate result of
+            `take_back`.
         inputs: the index and the prepared values of each step, a pytree with a leading axis of steps.
-        number: how many steps.
-        total: how many steps the run has in all.
+        number: number of steps.
+        total: number of steps of the whole run.
         unroll: steps per iteration of the loop.
-        fused: whether a step is one loop over the bodies of a batch: it holds no other loop, no torque that has
-            loops of its own, and no bath.
+        fused: whether a step is a single loop over the bodies of a batch, without inner loops, a torque with loops, or
+            a bath.
     """
 
     take: Step
@@ -71,19 +71,19 @@ class Adjoint(eqx.Module):
         """The progress after all steps."""
 
     def check(self, method: Method, system: System, save_every: int) -> None:
-        """Raises a ValueError unless the derivative exists for this method and torque."""
+        """Raises a ValueError if the derivative does not exist for this method and torque."""
         del method, system, save_every
 
 
 class Checkpointed(Adjoint):
-    """Reverse mode keeps some states and recomputes those between them. Forward mode and higher derivatives work too.
+    """Reverse mode keeps some states and recomputes the others; forward mode and higher derivatives work as well.
 
     Attributes:
-        every: a state is kept every `every` steps; it must divide `save_every`. With 1 each step is recomputed once.
-            With more, it is recomputed twice, and n steps need memory for n / every + every states. By default 1 for a
-            run of at most 10240 numbers, such as 1024 states of momentum, attitude and torque. For a longer run it is
-            the largest divisor of `save_every` from 8 to 1024 over the numbers of a state, 102 in the example; if there
-            is none, the next larger one up to eight times as many; and 1 if there is none either.
+        every: a state is kept every `every` steps; it must divide `save_every`. With 1, each step is recomputed once.
+            With more, each step is recomputed twice, and n steps need memory for n / every + every states. The default
+            is 1 for a run of at most 10240 numbers, such as 1024 states of momentum, attitude and torque. For a longer
+            run it is the largest divisor of `save_every` from 8 to 1024 over the numbers of a state, 102 in the
+            example. If there is none, it is the next larger divisor up to 8 times as many, else 1.
 
     Examples:
         >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
@@ -121,19 +121,19 @@ class Checkpointed(Adjoint):
 
 
 class Reversible(Adjoint):
-    """Reverse mode takes the steps of a symmetric method backwards, so its memory does not grow with their number.
+    """Reverse mode takes the steps of a symmetric method backwards; memory does not grow with the number of steps.
 
-    A step of -h undoes a step of h, up to rounding. The rounding errors of steps backwards add up, so a few states are
-    kept, and the steps backwards start anew from each of them. There is no forward mode; a gradient can be
-    differentiated again.
+    A step of -h reverses a step of h, up to rounding. The rounding errors of backward steps accumulate. A few states
+    are therefore kept, and the backward steps restart from each of them. Forward mode is not supported; a gradient can
+    be differentiated again.
 
-    In a regular motion of at most one radian per step, the recovered states are by default correct to 4e-9 radians in
-    float64 and to 1.4e-3 radians in float32. In a chaotic motion their error grows as fast as the derivative itself.
+    In a regular motion of at most one radian per step, the recovered states are by default accurate to 4e-9 radians in
+    float64 and to 1.4e-3 radians in float32. In a chaotic motion their error grows at the same rate as the derivative.
 
     Attributes:
         every: a state is kept every `every` steps; it must divide `save_every`. By default 16 to 32 states are kept
-            between two saved states: more if they would be over 65536 steps apart in float64 or 512 in float32, and
-            fewer if `save_every` has no divisor for that.
+            between two saved states. More are kept if they would be over 65536 steps apart in float64 or 512 in
+            float32, and fewer if `save_every` has no suitable divisor.
 
     Examples:
         >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
@@ -167,7 +167,7 @@ class Reversible(Adjoint):
     def run(self, steps: Steps, progress: Progress) -> Progress:
         block = self.every or _block(steps.number, progress)
         index = jax.tree.map(lambda x: x[0], steps.inputs)
-        # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
+        # Arrays that the steps close over become arguments, so that derivatives with respect to them exist.
         known = jax.tree.map(jnp.zeros_like, jax.eval_shape(steps.take_back, progress, index)[1])
         take, arrays = _with_arguments(steps.take, progress, index)
         take_back, arrays_back = _with_arguments(steps.take_back, progress, index)
@@ -182,7 +182,7 @@ class Reversible(Adjoint):
 
 
 class Forward(Adjoint):
-    """Only forward mode; a reverse derivative of the run raises a ValueError.
+    """Supports forward mode only; a reverse derivative of the run raises a ValueError.
 
     Examples:
         >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
@@ -207,7 +207,7 @@ _DEFAULT = Checkpointed()
 
 
 def as_adjoint(adjoint: Any) -> Adjoint:
-    """The adjoint itself, `Checkpointed()` for None; a ValueError for anything else."""
+    """The adjoint itself, or `Checkpointed()` for None; otherwise raises a ValueError."""
     if adjoint is None:
         return _DEFAULT
     if not isinstance(adjoint, Adjoint):
@@ -230,7 +230,7 @@ def _every(number: int, total: int, size: int) -> int:
     Args:
         number: steps between two saved states; the result divides it.
         total: steps of the run.
-        size: numbers of a state.
+        size: numbers per state.
     """
     if total * size <= _ALL:
         return 1
@@ -240,12 +240,12 @@ def _every(number: int, total: int, size: int) -> int:
 
 
 def _summing_once(steps: Steps, progress: Progress) -> Step:
-    """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
+    """`steps.take`, with a reverse derivative that sums over the bodies after the loop for shared parameters.
 
-    This holds for parameters of few numbers, which a step reads as scalars, and only where a step is one loop over the
-    bodies. Elsewhere a run would read the copies as arrays with a row for each body, also without derivatives: a table,
-    an orbit or the facets of a surface that all bodies share would be computed anew for each. On a mesh whose axes are
-    part of the arrays' types the rows of a copy would lack them.
+    This is used for small parameters, which a step reads as scalars, and only if a step is a single loop over the
+    bodies. Otherwise the run would read the copies as arrays with one row per body, even without derivatives. A shared
+    table, orbit or set of facets would then be recomputed for each body. On a mesh whose axes are part of the array
+    types, the rows of a copy would lack these axes.
     """
     if not steps.fused or jax.sharding.get_abstract_mesh().explicit_axes:
         return steps.take
@@ -266,9 +266,9 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
 
 
 def _with_arguments(function: Callable[..., Any], *examples: Any) -> tuple[Callable[..., Any], list[Any]]:
-    """The function with further arguments, the traced arrays that it reads, and these arrays.
+    """The function with the traced arrays it reads as extra arguments, and these arrays.
 
-    `jax.closure_convert` does this for real numbers alone; an index that the derivative reads would leak.
+    `jax.closure_convert` does this only for real numbers; an index that the derivative reads would leak.
     """
     traced, rest = eqx.partition(eqx.filter_closure_convert(function, *examples), lambda x: isinstance(x, Tracer))
     arrays, structure = jax.tree.flatten(traced)
@@ -293,7 +293,7 @@ def _in_blocks(tree: Any, block: int) -> Any:
 
 
 class _Functions(NamedTuple):
-    """`take`, `take_back` and `take_again` of `Steps`, each with the arrays that it reads as further arguments."""
+    """`take`, `take_back` and `take_again` of `Steps`, with the arrays they read as extra arguments."""
 
     take: Step
     take_back: Callable[..., tuple[Progress, Any]]
@@ -301,7 +301,7 @@ class _Functions(NamedTuple):
 
 
 class _Perturbed(eqx.Module):
-    """For each array that `take_again` reads, whether a derivative with respect to this array is wanted."""
+    """For each array that `take_again` reads, whether a derivative with respect to it is needed."""
 
     flags: tuple[bool, ...] = eqx.field(static=True)
 
@@ -310,15 +310,15 @@ class _Perturbed(eqx.Module):
 def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inputs: Any, arrays: Any) -> Progress:
     """The progress after the steps with these inputs; each function reads its own arrays.
 
-    Its derivative differentiates `take_again`, not `take`, and so has tangents for the arrays that `take_again` reads.
+    The derivative differentiates `take_again` instead of `take`, so the tangents belong to the arrays of `take_again`.
     """
 
     def take(progress: Progress, step: Any) -> tuple[Progress, None]:
         return functions.take(progress, step, *arrays[0]), None
 
     end = jax.lax.scan(take, progress, inputs, unroll=unroll)[0]
-    # Under `jax.vmap` JAX refuses a derivative if bodies share an output, as the third component of the torque on a top
-    # whose centre of mass lies on the axis e3: always zero.
+    # Under `jax.vmap` JAX raises an error for a derivative if bodies share an output. An example is the third component
+    # of the torque on a top whose centre of mass lies on the axis e3, which is always zero.
     leaves, structure = jax.tree.flatten(end)
     return structure.unflatten(in_rows(leaves, []))
 
@@ -332,7 +332,7 @@ def _forward_pass(functions: _Functions, unroll: int, *arguments: Any) -> tuple[
 def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
     end, inputs, (_, arrays_back, arrays), perturbed = kept
     numbers, rest = eqx.partition(end, eqx.is_inexact_array)
-    # Differentiate with respect to the wanted arrays alone: so the step's derivative has fewer operations.
+    # Differentiate only with respect to the needed arrays, so that the derivative of the step has fewer operations.
     wanted, given = eqx.partition(arrays, list(perturbed.flags))
 
     def step_back(carry: Any, step: Any) -> tuple[Any, None]:
@@ -351,7 +351,7 @@ def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any
     received = jax.tree.map(lambda x, c: jnp.zeros_like(x) if isinstance(c, SymbolicZero) else c, end, cotangent)
     begin = numbers, eqx.filter(received, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, wanted)
     (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True, unroll=unroll)
-    return before, None, (None, None, total)  # None stands for zero, also where `before` and `total` have None
+    return before, None, (None, None, total)  # None means zero, also where `before` and `total` have None
 
 
 _run_reversibly.defvjp(_forward_pass, _backward_pass, symbolic_zeros=True)
@@ -362,7 +362,7 @@ def _identity(*leaves: Array) -> list[Array]:
 
 
 def _mark_tangents(primals: Any, tangents: Any) -> tuple[list[Any], list[Any]]:
-    """Applies the primitive to the tangents alone, where a reverse derivative will transpose it."""
+    """Applies the primitive only to tangents that a reverse derivative will transpose."""
     moving = [tangent for tangent in tangents if not is_zero_tangent(tangent)]
     marked = iter(_forward_only.bind(*moving) if moving else [])
     return list(primals), [tangent if is_zero_tangent(tangent) else next(marked) for tangent in tangents]

@@ -1,4 +1,4 @@
-"""Checks of the arguments that all drivers share; they run before anything is traced."""
+"""Checks of the arguments that all drivers share, before anything is traced."""
 
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +36,7 @@ LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
 
 def as_method(method: Any) -> Method:
-    """The argument itself if it is a method, or the method of that name; a ValueError for anything else."""
+    """The argument itself if it is a method, or the method of that name; otherwise raises a ValueError."""
     result = find_method(method) if isinstance(method, str) else method
     if not isinstance(result, Method):
         raise ValueError(f"method must be a name or come from midlie_jax.method(name), got {described(method)}.")
@@ -53,14 +53,14 @@ def check_system(
     bath: str | None = None,
     of_one: Callable[[], tuple[Torque, Any]] | None = None,
 ) -> Method:
-    """Raises unless method, body, torque and start fit each other.
+    """Raises unless method, body, torque and initial state match.
 
     Args:
-        batch: number of leading axes of the state; the body has as many leading axes, or none.
-        bath: why no heat bath is possible here, for a message; None where one is.
-        of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state whose
-            number of axes is not fixed, such as spins on a lattice: in these an axis of the batch would count as one of
-            the lattice.
+        batch: number of leading axes of the state; the body has the same number, or none.
+        bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
+        of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state without
+            a fixed number of axes, such as spins on a lattice, where an axis of the batch would count as an axis of the
+            lattice.
 
     Returns:
         The method, fitted to the body.
@@ -82,7 +82,7 @@ def _fitted(method: Method, body: Any) -> Method:
 
 
 def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: int, bath: str | None) -> None:
-    """What `check_system` finds without looking at numbers."""
+    """The part of `check_system` that does not read numbers."""
     check_state("start", start)
     check_body(body, start)
     check_moves(method, body, start)
@@ -100,7 +100,7 @@ def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: 
 
 
 def check_moves(method: Method, body: Any, start: Any) -> None:
-    """Raises unless the method moves bodies of this class, and states of this kind."""
+    """Raises unless the method supports bodies of this class and states of this kind."""
     if not method.moves(principal_of(body)):
         raise ValueError(
             f"method {method.name!r} moves {method.bodies.__name__}, but body is {body_named(body)}; "
@@ -114,11 +114,11 @@ def check_moves(method: Method, body: Any, start: Any) -> None:
 
 
 def check_bath(method: Method | None, torque: Any, refused: str | None = None) -> None:
-    """Raises unless the method has a stage for the heat bath of the torque, or has none if there is none.
+    """Raises if the torque has a heat bath and the method has no stage for it, or the reverse.
 
     Args:
-        method: None if there is no method of this package.
-        refused: why no heat bath is possible here, or None.
+        method: None for a method from outside this package.
+        refused: the reason why no heat bath is possible here, or None.
     """
     _, bath = without_bath(torque)
     random = method is not None and method.random
@@ -147,12 +147,12 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     if given.ndim:
         raise ValueError(f"{name} must be a scalar, got shape {given.shape}; map over a batch with jax.vmap.")
     array = given.astype(dtype)
-    _require_held(name, array, given)  # after the cast, because a narrower dtype may turn the number into infinity
+    _require_held(name, array, given)  # after the cast, because a narrower dtype may overflow to infinity
     return array
 
 
 def as_argument(name: str, value: Any, dtype: Any) -> Any:
-    """`as_scalar` for a program that is called at once: of a Python number an array of NumPy, which is made faster."""
+    """`as_scalar` for a program that is called at once; a Python number becomes a NumPy array, which is faster."""
     if isinstance(value, bool) or not isinstance(value, float | int):
         return as_scalar(name, value, dtype)
     array = as_number(name, value, dtype)
@@ -161,7 +161,7 @@ def as_argument(name: str, value: Any, dtype: Any) -> Any:
 
 
 def _require_held(name: str, array: Any, value: Any) -> None:
-    """Raises unless a number that was cast to the dtype of the run is finite, and zero only if it was zero."""
+    """Raises unless a number cast to the dtype of the run is finite, and zero only if it was zero before."""
     if is_traced(array, value):
         return
     number, held = float(value), float(array)
@@ -175,11 +175,12 @@ def _require_held(name: str, array: Any, value: Any) -> None:
 
 
 def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
-    """Raises unless the times of a run, t0 + n dt, are finite and move in its dtype, that of dt.
+    """Raises unless the times t0 + n dt of a run are finite and distinct in the dtype of dt.
 
-    A step must be at least `LEAST_ULPS` units in the last place of t0: below, a torque of time would stand still, and
-    then jump. The number of steps has no such limit. Times are computed from the index, so those of a long run from a
-    small t0 are right to their last place, even where float32 gives the same time to neighbouring steps, beyond 2^24.
+    A step must be at least `LEAST_ULPS` units in the last place of t0. Below this a torque that depends on time would
+    stand still, and then jump. The number of steps is not limited. Times are computed from the index, so the times of a
+    long run from a small t0 are correct to the last place. This holds even beyond 2^24, where float32 gives the same
+    time to neighbouring steps.
 
     Traced times are not checked.
     """
@@ -191,7 +192,7 @@ def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
     shortest, longest = (float(step), float(step)) if step.ndim == 0 else (float(step.min()), float(step.max()))
     far = away + max(abs(last), abs(float(first))) * longest
     if far <= float(limits.max) and shortest >= LEAST_ULPS * float(limits.eps) * away:
-        return  # as in every ordinary run, at the price of a few microseconds
+        return  # the ordinary case; the check takes a few microseconds
     with np.errstate(over="ignore", invalid="ignore"):
         ends = [(t0 + n * dt).astype(dtype) for n in (last, float(first))]
     for end in ends:
@@ -207,7 +208,7 @@ def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
 
 
 def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
-    """Raises as `check_clock`, or if the run asks for the torque at times that a table in it does not hold.
+    """Raises like `check_clock`, or if the run needs the torque at times outside a table in it.
 
     Traced times are not checked.
     """
@@ -222,7 +223,7 @@ def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps
 
 
 def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
-    """Raises unless the orbits in a torque or density are known at all times between these two."""
+    """Raises unless the orbits in a torque or density are defined at all times between these two."""
     for orbit in orbits_in(tree):
         span = orbit.span
         if span is None or is_traced(span):
@@ -248,7 +249,7 @@ def check_step(method: Method, dt: Any) -> None:
 
 
 def as_saving(save_every: Any, steps: int) -> int | None:
-    """The steps between two saved states; None for the end alone. A ValueError unless it divides `steps`."""
+    """The steps between two saved states; None for the end alone. Raises a ValueError unless it divides `steps`."""
     if save_every is None:
         return None
     every = as_count("save_every", save_every)
@@ -258,7 +259,7 @@ def as_saving(save_every: Any, steps: int) -> int | None:
 
 
 def as_first_step(first_step: Any, steps: int) -> Any:
-    """The index of the first step, (); a ValueError if it is not an integer, or if the last index exceeds 32 bits."""
+    """The index of the first step, (); raises a ValueError if it is no integer, or the last index exceeds 32 bits."""
     if isinstance(first_step, (bool, np.bool_)) or not isinstance(first_step, (int, np.integer, np.ndarray, Array)):
         raise ValueError(f"first_step must be an integer, got {shown(first_step)}.")
     if not is_traced(first_step) and np.size(first_step) == 1 and not counts(np.asarray(first_step), steps):
@@ -275,6 +276,6 @@ def as_first_step(first_step: Any, steps: int) -> Any:
 
 
 def counts(first_step: Any, steps: int | Array) -> Any:
-    """Whether 32 bits hold every step index of the run."""
+    """Whether every step index of the run fits 32 bits."""
     above_least = True if jnp.issubdtype(first_step.dtype, jnp.unsignedinteger) else first_step > -LAST_STEP
     return (first_step <= LAST_STEP - steps) & above_least

@@ -1,9 +1,9 @@
-"""Starts that are not finite: such a body fails, and must not make the gradient of the others NaN.
+"""Initial states that are not finite: such a body fails, but the gradients of the other bodies stay finite.
 
-Where bodies share a parameter, its reverse derivative is a sum over all of them. The derivative of a body that starts
-with NaN is NaN, also if its cotangent is zero. So such a body runs from the start of another one, its verdict says that
-it failed, and NaN takes the place of what it saves. The derivative of that choice is zero. A run without derivatives
-contains nothing of this: the choices would take a tenth of the time of short runs.
+If bodies share a parameter, its reverse derivative is a sum over all of them. The derivative of a body whose initial
+state contains NaN is NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another
+body. Its verdict says that it failed, and its saved values are replaced by NaN. The derivative of this choice is zero.
+A run without derivatives contains none of this, because the choices would take a tenth of the time of short runs.
 """
 
 from typing import Any, TypeVar
@@ -20,15 +20,15 @@ T = TypeVar("T")
 
 
 def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T:
-    """The start; in a run that is differentiated, that of another body unless it is `good`.
+    """The initial state; in a differentiated run, the state of another body unless it is `good`.
 
-    It is the first good one along the axis of `jax.vmap`; without one, ones.
+    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none.
 
     Args:
-        start, good: the start, and whether it is finite, ().
-        torque, t: the torque, bound to its body, or None, and the time at which it is traced. So a run counts as
-            differentiated also where the torque is a function that closes over a parameter.
-        others: what else the run reads; a derivative with respect to any of it counts.
+        start, good: the initial state, and whether it is finite, ().
+        torque, t: the torque bound to its body, or None, and the time at which it is traced. A run therefore counts as
+            differentiated even if the torque is a function that closes over a parameter.
+        others: all other inputs of the run; a derivative with respect to any of them counts.
     """
     read = [] if torque is None else jax.closure_convert(lambda t, state: torque(t, state), t, start)[1]
     read = [x for x in jax.tree.leaves((read, others)) if eqx.is_inexact_array(x)]
@@ -37,7 +37,7 @@ def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T
 
 
 def nan_unless(good: Array, tree: T) -> T:
-    """The tree; in a run that is differentiated with NaN in place of its floating-point numbers unless `good`."""
+    """The tree; in a differentiated run, NaN replaces its floating-point numbers unless `good`."""
     numbers, rest = eqx.partition(tree, eqx.is_inexact_array)
     leaves, structure = jax.tree.flatten(numbers)
     return eqx.combine(structure.unflatten(_saved(leaves, good)), rest)
@@ -76,7 +76,7 @@ def _ones(good: Array, *leaves: Array) -> list[Array]:
 
 def _batch(values: Any, axes: Any) -> tuple[list[Array], list[None]]:
     (good, *leaves), (of_good, *of_leaves) = values, axes
-    if of_good is None:  # then no array has rows
+    if of_good is None:  # no array has rows
         return _other.bind(*values), [None] * len(leaves)
     good = jnp.moveaxis(good, of_good, 0)
     first = jnp.argmax(good)

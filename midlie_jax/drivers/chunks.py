@@ -1,11 +1,11 @@
-"""Runs many bodies in chunks that fit the cache, spread over the devices of a mesh: the program below `ensemble`.
+"""Runs many bodies in chunks that fit the cache, spread over the devices of a mesh; used by `ensemble`.
 
-`jax.vmap` of `integrate` is the same computation. But its steps pass over the whole batch, and a batch larger than the
-cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores. On an
-accelerator there is one chunk, because launching a kernel for each step and chunk would take longer than fetching the
+`jax.vmap` of `integrate` is the same computation, but each step passes over the whole batch. A batch larger than the
+cache is then fetched from memory in every step; chunks avoid this. XLA distributes each pass over the cores. An
+accelerator uses one chunk, because launching a kernel for each step and chunk would take longer than fetching the
 batch.
 
-With a mesh the chunks are spread over its devices. No device needs anything from another one while it takes its steps.
+With a mesh the chunks are spread over its devices. Devices do not communicate during the steps.
 """
 
 from functools import partial
@@ -31,12 +31,12 @@ from .shared_inputs import Rows, SharedInputs
 
 _CHUNK = 256  # bodies moved at once on one core
 # The same for a state of many numbers. Its arrays then do not begin at multiples of 2 KiB, where they would share a few
-# places of the first-level cache (`benchmarks/kinds_of_state.py`).
+# sets of the first-level cache (`benchmarks/kinds_of_state.py`).
 _CHUNK_OF_MANY, _MANY = 376, 12
-_NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; of many coupled bodies only a few replicas are
-_VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
-_nothing_shared: dict[Any, None] = {}  # by the structure of arguments
-_LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
+_NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; only a few replicas of many coupled bodies
+_VECTOR = 8  # bodies: chunks whose size is not a multiple of this took up to 4 times longer
+_nothing_shared: dict[Any, None] = {}  # keyed by the structure of arguments
+_LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; larger ones are recomputed in every chunk
 
 
 def bodies_in(method: Method, run: Any, mapped: Any, *others: Any, **named: Any) -> int:
@@ -64,19 +64,19 @@ def run_ensemble(
     guarded: bool = False,
     begins: Progress | None = None,
 ) -> Path[Any]:
-    """`ensemble` without the checks: the path of all bodies.
+    """`ensemble` without the checks.
 
     Args:
         method, adjoint, first, chunk, observe, mesh: as for `ensemble`; `method` fitted.
         intervals, save_every: as for `run_of_body`.
-        at_end: whether the path has only the states at the end, those after one interval.
+        at_end: whether the path has only the final states, after one interval.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
-        shared: the same, with None for each leaf that has the axis.
-        counted: (n,), whether a statistic may count a body; by default it counts all bodies that can be trusted.
+        shared: the same, with None for each leaf with this axis.
+        counted: (n,), whether a statistic may count a body; by default it counts all bodies with trustworthy values.
         tables: from `shared_tables`.
         leg: which of the steps are taken, by default all; see `run_of_body`.
         guarded: as for `run_of_body`.
-        begins: the progress of each body at the start, from a `Carry`, or None.
+        begins: the initial progress of each body, from a `Carry`, or None.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -119,7 +119,7 @@ def run_ensemble(
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
         return Path(times, seen, *map(join, path[2:]))
 
-    # The last chunks are filled up with copies of the last body, so that one compiled program serves all chunks.
+    # The last chunks are padded with copies of the last body, so that one compiled program serves all chunks.
     chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
     if chunks * size > count:
         rows_of_all = jnp.minimum(jnp.arange(chunks * size), count - 1)
@@ -153,8 +153,8 @@ def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     """`run` on chunks that are spread over a mesh: each device runs its own chunks."""
     each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
     out: Any = Path(each if own_times else all_, *[each] * 5)  # pyright: ignore[reportArgumentType]
-    mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
-    # The specifications say what varies from device to device, so JAX need not check it. Its check would refuse the
+    mesh = Mesh(mesh.devices, mesh.axis_names)  # for any types of its axes
+    # The specifications say what varies from device to device, so JAX need not check it. The check would fail for the
     # step that was traced before the bodies were spread, to prepare the shared inputs.
     return jax.shard_map(
         run, mesh=mesh, in_specs=(each, each, all_, all_, all_, all_, all_), out_specs=out, check_vma=False
@@ -179,12 +179,12 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
 def shared_tables(method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int) -> Rows | None:
     """The prepared inputs of the steps of a run; None if nothing is worth preparing.
 
-    They are computed by a program of their own, because XLA rounds some of them differently in one for several devices.
-    It is not called where it is known that the bodies share nothing.
+    A separate program computes them, because XLA rounds some of them differently in a program for several devices. It
+    is not called if the bodies are known to share nothing.
 
     Args:
         method, adjoint, mapped, shared, first: as for `run_ensemble`.
-        steps: how many steps are prepared, at least those of the run.
+        steps: number of steps to prepare, at least the number of steps of the run.
     """
     decision = structure_of((method, adjoint, mapped, shared))
     if decision is not None and decision in _nothing_shared:
@@ -200,7 +200,7 @@ def _shared_tables(
     method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int
 ) -> Rows | tuple[()] | None:
     """`shared_tables`: None if nothing is shared, () if the tables would be too large."""
-    # A step backwards needs other inputs than a step forwards.
+    # A backward step needs other inputs than a forward step.
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
     if inputs is None:
         return None
@@ -223,15 +223,15 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | N
 
 
 def chunk_size(count: int, start: Any = None) -> int:
-    """How many of `count` bodies are moved at once by default: all on an accelerator, which wants long loops.
+    """The default number of bodies moved at once; all on an accelerator, which needs long loops.
 
-    On a CPU a step reads and writes the state of each body once, and keeps intermediate results in registers. So on one
-    core the states of a chunk should fit the first-level cache, and be enough to hide the cost of starting a loop. XLA
-    spreads a loop over several cores only if it is long.
+    On a CPU a step reads and writes the state of each body once, and keeps intermediate results in registers. On one
+    core the states of a chunk should therefore fit the first-level cache, and be numerous enough to hide the overhead
+    of starting a loop. XLA spreads only long loops over several cores.
 
     Args:
         count: the number of bodies.
-        start: their states, with a leading axis, or None.
+        start: the initial states, with a leading axis, or None.
     """
     if not on_cpu():
         return count
@@ -241,7 +241,7 @@ def chunk_size(count: int, start: Any = None) -> int:
 
 
 def even_size(count: int, parts: int) -> int:
-    """The size of equal parts that hold `count`; a multiple of `_VECTOR` if there are several parts larger than it."""
+    """The size of equal parts that hold `count`; a multiple of `_VECTOR` for several parts larger than it."""
     size = -(-count // parts)
     return size if parts == 1 or size <= _VECTOR else -(-size // _VECTOR) * _VECTOR
 
@@ -250,8 +250,8 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
     Without a mesh there are as few chunks as possible, or up to a third more if all chunks are then full, which saves a
-    copy. On a mesh all chunks have the size `chunk` if there is work for all devices, so that the compiled program of a
-    chunk, and hence its bits, do not depend on the number of devices.
+    copy. On a mesh all chunks have the size `chunk` if there is work for all devices. The compiled program of a chunk,
+    and therefore its bits, do not depend on the number of devices.
     """
     if devices is None:
         if count <= chunk:

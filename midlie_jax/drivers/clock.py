@@ -12,16 +12,16 @@ def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, No
 
 
 def ends_of_step_back(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
-    """The times at both ends of step n when it is taken backwards."""
+    """The times at both ends of a backward step n."""
     return time_of(*clock, n + 1), time_of(*clock, n), None
 
 
 def time_of(t0: Array, dt: Array, n: Array) -> Array:
     """t0 + n dt in the dtype of the run, for every 32-bit index n.
 
-    Computed from the index, because in float32 a sum of many dt would lose whole steps. The index is split into two
-    parts of its own sign, each of which a float32 represents exactly; parts of different signs would cancel. The power
-    of two is taken as an integer: with a long step it would be infinite, and infinity times an index of zero is NaN.
+    The time is computed from the index, because a float32 sum of many dt would lose whole steps. The index is split
+    into two parts of its own sign, which float32 represents exactly; parts of different signs would cancel. The power
+    of two is an integer. With a long step its float would be infinite, and infinity times an index of zero is NaN.
     """
     high = jnp.where(n < 0, -(-n >> _EXACT_BITS), n >> _EXACT_BITS)
     high = high << _EXACT_BITS

@@ -1,4 +1,4 @@
-"""`energy`: of one state, of a path, and of many bodies with many states each, as `ensemble` returns them."""
+"""`energy` of one state, of a path, and of many bodies with many states each, as `ensemble` returns them."""
 
 from typing import Any
 
@@ -33,20 +33,21 @@ def energy(
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        torque: as for `integrate` or `ensemble`: None, or a torque that has a potential, whose arrays may have one row
-            for each body.
-        motion: any state, which may have leading batch axes (except of particles); or a `Path` or `AdaptivePath` of
+        torque: as for `integrate` or `ensemble`: None, or a torque with a potential, whose arrays may have one row per
+            body.
+        motion: any state, which may have leading batch axes (except for particles); or a `Path` or `AdaptivePath` of
             such states, which contains their times. For a run of `simulate` pass its `states()`.
         t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
-        torque_axes: which arrays of the torque have one row for each body, as for `ensemble`. By default, if there is
-            one body and the torque fits it as it is, no array has rows; otherwise as `ensemble` decides.
+        torque_axes: which arrays of the torque have one row per body, as for `ensemble`. By default no array has rows
+            if there is one body and the torque fits it without change; otherwise the rule of `ensemble` applies.
 
     Returns:
         The energy (...), with the batch shape of the state or of the path's states.
 
     Raises:
         ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
-            path; the body does not match the state, or there are not as many bodies, or rows of the torque, as states.
+            path; the body does not match the state; or the number of bodies, or of rows of the torque, differs from the
+            number of states.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -79,13 +80,13 @@ def energy(
     return _of_bodies(mapped, shared, state, times)
 
 
-# Compiled as one program: a potential of many bodies would take a second operation by operation.
+# Compiled as one program, because evaluating a potential of many bodies operation by operation would take a second.
 _of_one = tuned_jit(observables.energy)
 
 
 @tuned_jit
 def _of_bodies(mapped: Any, shared: Any, state: Any, times: Any) -> Array:
-    """The energies of bodies, from body and torque with None for each leaf that all share, and the reverse."""
+    """The energies of bodies, from body and torque with None for each shared leaf, and the reverse."""
 
     def of_one(mapped: Any, state: Any, times: Any) -> Array:
         body, torque = eqx.combine(mapped, shared)
@@ -95,11 +96,11 @@ def _of_bodies(mapped: Any, shared: Any, state: Any, times: Any) -> Array:
 
 
 def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, axes: Any) -> Any:
-    """The torque's tree with True for each array that has one row for each body.
+    """The torque's tree with True for each array with one row per body.
 
     Args:
-        own_body: whether each body has moments of its own.
-        of_bodies: whether the states are known to be those of several bodies.
+        own_body: whether each body has its own moments.
+        of_bodies: whether the states are known to belong to several bodies.
     """
     shared = jax.tree.map(lambda _: False, torque)
     batch = state.momentum.shape[: -state.own_axes]

@@ -1,4 +1,4 @@
-"""`ensemble`: the driver for many bodies: checks its arguments, and runs the bodies in chunks (`chunks.py`)."""
+"""`ensemble`: the driver for many bodies; checks its arguments and runs the bodies in chunks (`chunks.py`)."""
 
 from functools import partial
 from typing import Any, NamedTuple, overload
@@ -30,7 +30,7 @@ from .stepper import Carry, carried_on
 _LEAST_TABLE = 64  # steps
 
 
-@overload  # what is observed takes the place of the states
+@overload  # the return type follows `observe`
 def ensemble(
     method: Method | str,
     body: Body,
@@ -99,44 +99,44 @@ def ensemble(
     mesh: Mesh | None = None,
     observe: Any = None,
 ) -> Path[StateT]:
-    """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
+    """Integrates n bodies; each result agrees with `integrate` up to a few units in the last place.
 
-    Can be jitted and differentiated. Compiled once for each method, torque function and shape, and anew for another
-    number of steps only where `integrate` is. What a torque computes from the time and from parameters that all bodies
-    share, such as the place on an orbit, is computed once for all.
+    Can be jitted and differentiated. Compiled once for each method, torque function and shape, and again for another
+    number of steps only if `integrate` is. Values that a torque computes from the time and from shared parameters, such
+    as the position on an orbit, are computed once for all bodies.
 
     Args:
         method, steps, first_step: as for `integrate`.
         body: one body for all, or a `RigidBody` with moments (n, 3), or a `TensorBody` with a tensor (n, 3, 3).
         torque: as for `integrate`. A parameter may have an additional leading axis (n,), as in `HeavyTop(weights)` with
-            weights (n,): then each body has its own row. All bodies share the other parameters.
+            weights (n,): each body then has its own row. All bodies share the other parameters.
         start: with a leading axis (n,): momentum (n, 3), attitude (n, 4).
         dt, t0: (), or (n,) with one value for each body.
-        save_every: save the state every `save_every` steps, the start first, as `integrate` does; `None` returns only
-            the state at the end and needs memory only for that.
-        torque_axes: which parameters of the torque have one row for each body. By default "auto": those with which the
-            torque acts on one body. If the shapes allow several readings, as (3,) does with three bodies, a ValueError
-            shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list of names,
-            such as ["weight"] or ["terms[1].field"]: these have rows. Or a tree like the torque's with leaves 0 and
-            None, like the `in_axes` of `jax.vmap`.
-        chunk: number of bodies that are moved at once; by default the number that is fastest on this machine.
+        save_every: save the state every `save_every` steps, beginning with the initial state, as in `integrate`. `None`
+            returns only the final state and needs memory only for that.
+        torque_axes: which parameters of the torque have one row per body. By default "auto": the parameters for which
+            one row each makes the torque act on one body. If the shapes allow several readings, as (3,) does with three
+            bodies, a ValueError shows what to write. None: all bodies share every parameter. 0: every parameter has
+            rows. A list of names, such as ["weight"] or ["terms[1].field"]: these have rows. A tree like the torque's
+            with leaves 0 and None works like the `in_axes` of `jax.vmap`.
+        chunk: number of bodies moved at once; by default the number that is fastest on this machine.
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
         mesh: devices over which the bodies are spread, along all axes of the mesh; `jax.make_mesh((4,), ("bodies",))`
-            makes one of four devices. The results are the same, bit for bit, on meshes of any size, if `chunk` is the
-            same and no larger than the number of bodies per device.
-        observe: what the path holds in place of the states: a function of (t, state) of one body, an observable of
-            `midlie_jax.observe`, or a dict of these; or a statistic of these over all bodies that can be trusted at a
-            time, such as `midlie_jax.observe.Mean(f)`, or over bodies and times, such as
+            makes a mesh of four devices. The results are bitwise equal on meshes of any size, if `chunk` is the same
+            and no larger than the number of bodies per device.
+        observe: what the path holds instead of the states. An observable is a function of (t, state) of one body, an
+            observable of `midlie_jax.observe`, or a dict of these. A statistic combines observables over all bodies
+            with trustworthy values at a time, such as `midlie_jax.observe.Mean(f)`, or over bodies and times, such as
             `midlie_jax.observe.Spectrum(f, 1000)`. A statistic needs one `dt` and `t0` for all bodies.
 
     Returns:
         The path, with `ok` and `first_bad` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,),
         and `states` with leading axes (n, k). Without: `times` (), or (n,), `states` with a leading axis (n,), and
-        `first_bad` 0 for a body that failed, else 1. With `observe`, `states` holds what was observed, with the same
-        leading axes; a statistic lacks the axis (n,), and one of time also the axis (k,).
+        `first_bad` 0 for a body that failed, else 1. With `observe`, `states` holds the observed values, with the same
+        leading axes. A statistic lacks the axis (n,), and a statistic of time also lacks the axis (k,).
 
     Raises:
-        ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
+        ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the remedy.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -168,7 +168,7 @@ def ensemble(
 
 
 def _prepared_steps(steps: int) -> int:
-    """The length of the table of prepared inputs: one, and so one program, serves up to four times as many steps."""
+    """The length of the table of prepared inputs; one length, and program, serves up to 4 times more steps."""
     length = _LEAST_TABLE
     while length < steps:
         length *= 4
@@ -179,10 +179,10 @@ class Batch(NamedTuple):
     """The checked bodies of an ensemble.
 
     Attributes:
-        method: fitted to the bodies.
-        bodies: how many.
+        method: the method fitted to the bodies.
+        bodies: number of bodies.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
-        shared: the same, with None for each leaf that has the axis.
+        shared: the same, with None for each leaf with this axis.
     """
 
     method: Method
@@ -201,11 +201,11 @@ def as_batch(
     torque_axes: Any = AUTO,
     bath: str | None = None,
 ) -> Batch:
-    """The checked arguments of `ensemble`; a ValueError names an argument that does not fit the others.
+    """The checked arguments of `ensemble`; raises a ValueError that names the argument that does not fit.
 
     Args:
         method, body, torque, start, dt, t0, torque_axes: as for `ensemble`.
-        bath: why no heat bath is possible here, for a message; None where one is.
+        bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
     """
     once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
@@ -226,7 +226,6 @@ def as_batch(
 
 
 def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:
-    """The torque on the first body, and its state."""
     marks = once(_rows_of_torque, body, torque, start, torque_axes)
     return jax.tree.map(lambda x, own: x[0] if own else x, torque, marks), jax.tree.map(lambda x: x[0], start)
 
@@ -236,7 +235,7 @@ def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any
 
 
 def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
-    """For each leaf of the arguments, whether it has one row for each body."""
+    """For each leaf of the arguments, whether it has one row per body."""
     body, torque, start, dt, t0 = arguments
     own_body, count = bool(start.batch_of(body)), start.momentum.shape[0]
     rows = (
@@ -261,14 +260,13 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
 
 
 def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, count: int) -> None:
-    """Raises what is wrong with a bath that has a key for each body, but cannot be read as one for each."""
+    """Raises the error of a bath that has a key per body but cannot be read as one bath per body."""
     if bath.key.shape == (count,):
         one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)
         one.check_on(jax.tree.map(lambda x: x[0], start), jax.tree.map(lambda x: x[0], body) if own_body else body)
 
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
-    """`check_times` of the bodies of an ensemble."""
     (_, torque, _, *own), (_, shared_torque, _, *shared) = batch.mapped, batch.shared
     torques = torque, shared_torque
     torque = eqx.combine(*torques) if orbits_in(torques) or is_by_step(torques) else None
@@ -277,7 +275,7 @@ def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
 
 
 def check_spread(batch: Batch, observe: Observe | None, mesh: Any) -> None:
-    """Raises unless the mesh is one, and the bodies that a statistic combines have the same times."""
+    """Raises unless `mesh` is a mesh, and the bodies that a statistic combines have the same times."""
     if not isinstance(mesh, Mesh | None):
         raise ValueError(f"mesh must be a jax.sharding.Mesh, for example from jax.make_mesh, got {described(mesh)}.")
     *_, dt, t0 = batch.mapped

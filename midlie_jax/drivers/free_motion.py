@@ -1,8 +1,8 @@
-"""`free_motion`: a body under no torque at any times, each in one evaluation and without steps.
+"""`free_motion`: torque-free motion of a body at any times, each by one evaluation and without steps.
 
-The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. All is computed on scalars, in
-loops over the bodies: one loop finds their orbits, one follows the orbits for a short time, one doubles this time and
-is repeated as often as the largest turn of the batch needs, and one makes the states.
+The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. All numbers are scalars in loops
+over the bodies. One loop finds their orbits, one follows the orbits for a short time, one doubles this time, and one
+makes the states. The doubling loop is repeated for the largest rotation of the batch.
 """
 
 from typing import Any
@@ -29,37 +29,37 @@ from .results import result_of
 
 
 def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.0) -> Path[StateT]:
-    """The states of one free body at any times; map over bodies and states with `jax.vmap`.
+    """The states of one free body at any times; supports `jax.vmap` over bodies and states.
 
-    Nothing is integrated: a state costs less than twice as much in a batch whose longest time is a million turns as in
-    a batch whose longest time is one turn. The error of momentum and attitude is a few eps (1 + Omega |t|), relative to
-    |Pi| and in radians, with Omega = sqrt(2 energy / smallest moment), a bound of the angular velocity. Close to the
-    separatrix, where the body tumbles between two steady rotations about the middle axis, the motion itself is so
-    sensitive to the last digits of moments and momentum that the result is the motion for moments and a momentum that
-    differ by a few eps from those given.
+    Nothing is integrated. A state takes less than 2 times longer in a batch whose longest time is a million rotations
+    than in one whose longest time is one rotation. The error of momentum and attitude is a few eps (1 + Omega |t|),
+    relative to |Pi| and in radians. Omega = sqrt(2 energy / smallest moment) bounds the angular velocity. Close to the
+    separatrix the body tumbles between two steady rotations about the middle axis. The motion is then so sensitive to
+    the last digits of moments and momentum that the result is the exact motion for moments and a momentum that differ
+    by a few eps.
 
-    A body that travels moves along a straight line, with an error of its time t p/m. The axis of a `Rotor` turns about
-    its momentum by one rotation, which is differentiable everywhere but at rest.
+    A body that translates moves along a straight line, with the rounding error of the distance t p/m. The axis of a
+    `Rotor` rotates about its momentum by one rotation, which is differentiable everywhere except at rest.
 
-    For other bodies it is differentiable where the three moments differ and the momentum is neither along a principal
-    axis nor on the separatrix; elsewhere derivatives can be NaN (those of `integrate` with JACOBI are not). A
+    For other bodies it is differentiable if the three moments differ and the momentum is neither along a principal axis
+    nor on the separatrix. Otherwise derivatives can be NaN, unlike the derivatives of `integrate` with JACOBI. A
     derivative always takes the largest number of doublings, 52 in float64, and its program takes some ten seconds to
     compile.
 
     Args:
-        body: a `RigidBody`, a `TensorBody` in a frame of your own, a `Rotor`, or a `FreeBody` of one of these.
-        start: the state at the time t0, of any kind that belongs to the body.
-        times: (n,), any times, not necessarily sorted, before and after t0; so near zero that the dtype of the start
-            can tell them apart.
-        t0: the time of the start, ().
+        body: a `RigidBody`, a `TensorBody` in a custom frame, a `Rotor`, or a `FreeBody` of one of these.
+        start: the state at the time t0, of any kind that fits the body.
+        times: (n,), any times, before and after t0, not necessarily sorted. They must be so near zero that the dtype of
+            the state can distinguish them.
+        t0: the time of the initial state, ().
 
     Returns:
-        The path, with `times` and `states` as given by `times`. `ok` is False where a time is so long that no digit of
-        the phase is left; where rounding errors of the attitude would be magnified by more than 64, as for a body ten
-        times thinner than long that spins about its long side; or where a number is not finite.
+        The path, with `times` and `states` as given by `times`. `ok` is False if a time is so long that no digit of the
+        phase is left; if rounding errors of the attitude would be magnified by more than 64, as for a body 10 times
+        thinner than long that spins about its long side; or if a number is not finite.
 
     Raises:
-        ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
+        ValueError: an argument is invalid; the message names the argument and the remedy. Raised before anything is
             traced.
 
     Examples:
@@ -84,7 +84,7 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
 
 @tuned_jit
 def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
-    """Of coupled bodies, which without a torque move each on its own."""
+    """For coupled bodies, which move independently without a torque."""
     own = 0 if body.batch else None
     paths = jax.vmap(path_of_one, in_axes=(own, 0, None))(body, start.of_body(slice(None)), times)
     states = type(start).of_bodies(jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), paths.states))

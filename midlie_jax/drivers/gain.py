@@ -1,8 +1,8 @@
-"""Whether a run gained energy that its forces do not give: so blow-ups of bodies that travel, or are coupled, are seen.
+"""Detects blow-ups of translating or coupled bodies: the run gained energy that its forces do not give.
 
-A step beyond the stability limit of a force makes the motion grow without bound, but finite: a chain flies apart and
-looks like a result. The reach of a method catches this for rotations alone. So a run under a potential that does not
-depend on time compares the energy at its end with that at its start, once, outside of the loop over steps.
+A step beyond the stability limit of a force makes the motion grow without bound, but stay finite: a chain flies apart
+and looks like a result. The reach of a method detects this only for rotations. For a potential that does not depend on
+time, the run therefore compares its final energy with its initial energy, once, outside the loop over steps.
 
 With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most
 a / (1 - a) (K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
@@ -24,8 +24,8 @@ from ..model.state import AnyState
 from ..model.torques import potential_of
 
 _MOST = 20.0
-_LEAST_STEPS = 128  # in a shorter run two potentials would take 3 % of the time or more
-_ROUNDING = 1e4  # in units of eps: a motion per step, relative to the place, that rounding alone may cause
+_LEAST_STEPS = 128  # in a shorter run, two potentials would take at least 3 % of the time
+_ROUNDING = 1e4  # in units of eps: a motion per step, relative to the position, that rounding alone may cause
 
 
 def with_gain_judged(
@@ -40,9 +40,8 @@ def with_gain_judged(
     """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy.
 
     Args:
-        system, start, t, h: of the run.
-        steps: how many there are; an array if the number is an argument of the program.
-        whole: whether this is the end of all steps and not that of a leg, so that legs change no result.
+        steps: number of steps; an array if it is an argument of the program.
+        whole: whether all steps end here, and not only a leg; legs then change no result.
     """
     judged = steps >= _LEAST_STEPS
     potential = None if judged is False else _potential(system, start, t)
@@ -60,7 +59,7 @@ def with_gain_judged(
 
 
 def _potential(system: System, start: AnyState, t: Array) -> Any:
-    """The potential under which bodies that travel or are coupled, or particles, keep their energy; None if none."""
+    """The potential that conserves the energy of translating or coupled bodies, or particles; None if none does."""
     travels = system.kind.rotation is not None or system.kind.several or isinstance(system.inertia, Particles)
     if system.torque is None or not travels or system.reads_momentum or system.bath is not None:
         return None

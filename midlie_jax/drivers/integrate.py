@@ -33,7 +33,7 @@ from .shared_inputs import Rows, SharedInputs
 from .stepper import Carry, OneStep, carried_on, check_carried
 
 
-@overload  # what is observed takes the place of the states
+@overload  # the return type follows `observe`
 def integrate(
     method: Method | str,
     body: Body,
@@ -90,44 +90,45 @@ def integrate(
     adjoint: Adjoint | None = None,
     observe: Any = None,
 ) -> Path[StateT]:
-    """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
+    """Integrates one body with a constant step; supports `jax.vmap` over bodies, torques, states and steps.
 
     Compiled on the first call for each method, torque function, shape and number of saved states. On a CPU, outside of
     `jax.jit` and derivatives, one program serves every number of steps between saved states from 32 on, and every
-    number of steps with `save_every=None`. Differentiable, forward and reverse, in every array; `adjoint` chooses how.
-    All arithmetic is in the dtype of `start`.
+    number of steps with `save_every=None`. Differentiable in forward and reverse mode with respect to every array;
+    `adjoint` chooses how. All arithmetic is in the dtype of `start`.
 
     Args:
         method: from `midlie_jax.method`, or its name.
-        body: what moves: a `RigidBody`, a `TensorBody` in a frame of your own, or `Particles`.
+        body: a `RigidBody`, a `TensorBody` in a custom frame, or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame (for particles a force of the momentum's
-            shape), or None. Pass the same function object again to reuse what was compiled.
-        start: the state at the first time; its class decides what is integrated besides the momentum. Or the `carry` of
-            a path, from which the run goes on with the same bits and noise; method, body, torque, dt and t0 must then
-            be those of that path.
+            shape), or None. Pass the same function object to reuse the compiled program.
+        start: the initial state; its class decides what is integrated besides the momentum. Or the `carry` of a path,
+            from which the run continues with the same bits and noise; method, body, torque, dt and t0 must then be the
+            same as for that path.
         dt: step, (), may be negative.
         steps: number of steps.
-        save_every: save the state every `save_every` steps, the start first; must divide `steps`. None: the state at
-            the end alone, without a leading axis.
-        t0: time of step 0, (). The size of dt must be at least 4 units in the last place of t0, or times would not
-            move: in float32 count time from the start, or use float64.
+        save_every: save the state every `save_every` steps, beginning with the initial state; must divide `steps`.
+            None: only the final state, without a leading axis.
+        t0: time of step 0, (). dt must be at least 4 units in the last place of t0; otherwise times would not change.
+            In float32 count the time from the beginning of the run, or use float64.
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
-            integer index. So a run continued from a saved state, with the index of that state as `first_step`, has the
-            same random numbers as the uninterrupted run and agrees with it to rounding; from a `Carry`, to the bit.
-        adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
-            each step, or in a long run one for about a hundred steps, and recomputes the rest. `Reversible()`: reverse
-            mode takes the steps backwards, in memory that does not grow with the number of steps. `Forward()`: only
-            forward mode.
-        observe: what the path holds in place of the states: a function of (t, state), an observable of
+            integer index. A run continued from a saved state needs the index of this state as `first_step`. It then has
+            the same random numbers as the uninterrupted run and agrees with it up to rounding; from a `Carry`, bit for
+            bit.
+        adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state per
+            step, or in a long run one per about a hundred steps, and recomputes the rest. `Reversible()`: reverse mode
+            takes the steps backwards, and memory does not grow with the number of steps. `Forward()`: forward mode
+            only.
+        observe: what the path holds instead of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
             `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
 
     Returns:
-        The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception, and
-        `path.first_bad` says where the first one occurred.
+        The path. A failed solve, NaN or infinity sets `path.ok` to False and never raises an exception.
+        `path.first_bad` says where the first failure occurred.
 
     Raises:
-        ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
+        ValueError: an argument is invalid; the message names the argument and the remedy. Raised before anything is
             traced.
 
     Examples:
@@ -177,17 +178,17 @@ def run_of_body(
     """`integrate` without the checks.
 
     Args:
-        method, adjoint, body, torque, start, dt, t0, first: as for `integrate`.
-        intervals: the number of saved states after the start.
+        intervals: the number of saved states after the initial one.
         save_every: the steps between two of them; an array if it is an argument of the program. Then `adjoint` is
             ignored.
         shared: the step with prepared inputs, or None for the step of the method.
         rows: the prepared inputs of the steps.
-        observe: what the path holds in place of the states.
-        leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg, the
-            failures there and the carry at its end are valid. `adjoint` is ignored.
-        guarded: whether a start that is not finite must not reach the steps, because they may be differentiated.
-        carried: the progress at the start, from a `Carry`; then only the class, shape and dtype of `start` are read.
+        observe: what the path holds instead of the states.
+        leg: which of the steps are taken, by default all. Only the states saved within the leg, the failures there and
+            the final carry of the path are valid. `adjoint` is ignored.
+        guarded: whether an initial state that is not finite must not reach the steps, because they may be
+            differentiated.
+        carried: the initial progress, from a `Carry`; then only the class, shape and dtype of `start` are read.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -239,7 +240,7 @@ def run_of_body(
     whole = leg is None or leg.end == steps
     progress = with_gain_judged(system, start, t0, dt, steps, progress, whole)
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
-    if leg is not None:  # a failure in the leg does not concern what was saved before it
+    if leg is not None:  # a failure in the leg does not affect states saved before it
         trusted = trusted | (interval_starts - first + save_every <= leg.begin)
     trusted = trusted & (progress.verdict != UNSTABLE)
     before = given
@@ -258,10 +259,10 @@ def run_of_body(
 
 
 def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
-    """`run_of_body`; a statistic of time takes the place of the values.
+    """Like `run_of_body`; a statistic of time replaces the values.
 
     Args:
-        at_end: whether the path has only the state at the end.
+        at_end: whether the path has only the final state.
     """
     path = run_of_body(*arguments, observe=observe, **options)
     if not isinstance(observe, Series):
@@ -276,7 +277,7 @@ def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None 
 def _side_by_side(
     method: Method, adjoint: Adjoint, body: Any, torque: Any, start: Any, *others: Any, **more: Any
 ) -> int:
-    """How many bodies a step moves side by side; few are moved number by number, as one is."""
+    """The number of bodies that a step moves side by side; few bodies are moved number by number, like one."""
     del method, adjoint, body, torque, others, more
     return start.count if start.several and start.count > MEMBERS_MOST else 1
 
@@ -284,17 +285,17 @@ def _side_by_side(
 _run = tuned_jit(path_of_body, _side_by_side)
 
 
-# Fewer steps between saved states are a part of the program: the states that a run saves, and the loop over the last
-# few steps between two of them, take longer.
+# A smaller number of steps between saved states is part of the program. Otherwise saving the states, and the loop over
+# the last few steps between two of them, would take longer.
 _FEW = 32
 
 
 def count_as_argument(every: int, steps: int, adjoint: Adjoint) -> Any:
-    """The steps between two saved states: as an array, an argument of one program for every number; or as an int.
+    """The steps between two saved states: an array, so that one program serves every number, or an int.
 
-    JAX needs an int for a reverse derivative, and an accelerator for launches without a question after each. So the
-    number is an argument on a CPU, outside of every other program (`jax.jit`, `jax.grad` and the like). An adjoint
-    other than the default is checked when the program is made, with all its numbers.
+    JAX needs an int for a reverse derivative. An accelerator needs one to launch kernels without a check after each.
+    The number is therefore an argument only on a CPU, outside of every other program (`jax.jit`, `jax.grad` and the
+    like). An adjoint other than the default is checked when the program is made, with all its numbers.
     """
     default = isinstance(adjoint, Checkpointed) and adjoint.every is None
     free = default and (every == steps or every >= _FEW)

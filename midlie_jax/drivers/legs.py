@@ -1,9 +1,9 @@
-"""A leg: some of the steps of a run, from one stop to another, computed by one program that serves every leg.
+"""A leg: part of the steps of a run, between two stops; one program computes every leg.
 
-`simulate` stores the progress of a run often enough that at most half a minute of work can be lost. How many steps fit
-in this time depends on the machine, but results must not. So the number of steps is an argument of the program, not a
-part of it: all legs run the same compiled code. And a leg begins with the progress at the end of the previous leg, not
-with a state, because progress made again from a state may differ in the last bit.
+`simulate` stores the progress of a run so often that at most half a minute of work can be lost. The number of steps in
+this time depends on the machine, but results must not. The number of steps is therefore an argument of the program: all
+legs run the same compiled code. A leg begins with the progress at the end of the previous leg, because progress made
+again from a state may differ in the last bit.
 """
 
 from typing import Any, NamedTuple
@@ -15,17 +15,17 @@ from .._xla.platform import on_cpu
 from ..methods.base import Method, Progress
 from .stepper import OneStep
 
-# About as many steps per iteration on an accelerator, where the host checks after each iteration whether to go on.
+# Approximate steps per iteration on an accelerator, where the host checks after each iteration whether to continue.
 _LONG_ITERATION = 64
 
 
 class Leg(NamedTuple):
-    """Where a leg begins and ends, in steps from the start of the run.
+    """Where a leg begins and ends, in steps from the beginning of the run.
 
     Attributes:
         begin: (), 0 or the end of another leg.
         end: (), a stop, see `next_stop`.
-        carried: the progress of each body where the leg begins.
+        carried: the progress of each body at the beginning of the leg.
     """
 
     begin: Array
@@ -34,7 +34,7 @@ class Leg(NamedTuple):
 
 
 def iteration(method: Method, save_every: int) -> int:
-    """The steps between two stops: after each iteration, and at each saved state, a leg can end."""
+    """The steps between two stops; a leg can end after each iteration and at each saved state."""
     iterations = 1 if on_cpu() else -(-_LONG_ITERATION // method.unroll)
     return min(iterations * method.unroll, save_every)
 
@@ -51,7 +51,6 @@ def in_leg(
     """The progress after the steps that belong to both the leg and one interval between two saved states.
 
     Args:
-        first, rows: as for `OneStep.loop`.
         before: (), the number of steps before the interval.
         progress: the progress before these steps.
     """

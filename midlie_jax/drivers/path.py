@@ -1,4 +1,4 @@
-"""`Path` and `AdaptivePath`: what the drivers return, with the class of the states in their types."""
+"""`Path` and `AdaptivePath`: the results of the drivers, typed by the class of the states."""
 
 from typing import Any, NamedTuple, TypeVar
 
@@ -22,23 +22,24 @@ _WIDTH = 120  # of a line of text
 
 
 class Path(NamedTuple, TypedBy[States]):
-    """A motion at the saved times; in annotations `Path[RigidState]`, a motion of these states.
+    """A motion at the saved times; in annotations `Path[RigidState]`.
 
     Attributes:
-        times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at these times, of the class of the start, with a leading axis (n,); with `observe` what was
-            observed.
-        ok: (), False when a solve failed, a number was not finite, the body is impossible, or a run of at least 128
-            steps of bodies that travel, coupled bodies or particles gained more energy than its potential can give.
+        times: (n,), beginning with the initial time; n = 1 + steps / save_every.
+        states: the states at these times, of the class of the initial state, with a leading axis (n,); with `observe`,
+            the observed values.
+        ok: (), False if a solve failed, a number was not finite, the body is impossible, or the run gained too much
+            energy. Energy is checked in runs of at least 128 steps of translating bodies, coupled bodies or particles:
+            the gain must not exceed what the potential can give.
         first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
             number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
-            trusted, and the first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`: with
-            `save_every` 1 it is step number `first_bad` of the run, counted from 1. A gain of energy is judged at the
-            end of the run, and then it is 1.
+            trusted. The first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`. With
+            `save_every` 1 it is step number `first_bad` of the run, counted from 1. A gain of energy is detected at the
+            end of the run, and then `first_bad` is 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
-            sentence with the cure. None in a path that no driver made.
-        carry: the `midlie_jax.Carry` at the end, with which `integrate` and `ensemble` go on as if the run had not been
-            divided, and a `midlie_jax.stepper`, too.
+            sentence with the remedy. None in a path that no driver made.
+        carry: the final `midlie_jax.Carry`, with which `integrate`, `ensemble` and a `midlie_jax.stepper` continue as
+            if the run had not been divided.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -62,21 +63,21 @@ class Path(NamedTuple, TypedBy[States]):
 
 
 class AdaptivePath(NamedTuple, TypedBy[States]):
-    """A motion at the saved times, in variable steps; in annotations `AdaptivePath[RigidState]`.
+    """A motion at the saved times, with variable steps; in annotations `AdaptivePath[RigidState]`.
 
     Attributes:
-        times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at these times, of the class of the start, with a leading axis (n,); with `observe` what was
-            observed.
-        ok: (), False when a solve failed, a number was not finite, rho or the density was not positive, the two
-            differed by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1
-            was not reached.
+        times: (n,), beginning with the initial time; n = 1 + steps / save_every.
+        states: the states at these times, of the class of the initial state, with a leading axis (n,); with `observe`,
+            the observed values.
+        ok: (), False if a solve failed, a number was not finite, rho or the density was not positive, the two differed
+            by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1 was not
+            reached.
         first_bad: (), the index in `times` of the first saved state that cannot be trusted, as in `Path`; n if there is
             none, even if t1 was not reached.
         result: (), why the run failed, as in `Path`.
-        rho: (n,), near the density at these times: the next step is about dt / rho. To continue a run from a saved
-            state, or to run back from it, pass its entry as `rho`.
-        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed before.
+        rho: (n,), near the density at these times: the next step is about dt / rho. To continue or reverse a run from a
+            saved state, pass its entry as `rho`.
+        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed earlier.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -103,7 +104,7 @@ AnyPath = Path[S] | AdaptivePath[S]
 
 
 def _brief(path: Any) -> str:
-    """The path as text: in the first line its times and whether it is ok, then the shapes of its states."""
+    """The path as text: its times and whether it is ok in the first line, then the shapes of its states."""
     name, states = type(path).__name__, eqx.tree_pformat(path.states, width=_WIDTH)
     known = all(isinstance(x, Array) and not isinstance(x, Tracer) for x in (path.times, path.ok, path.first_bad))
     if not known or not all(x.is_fully_addressable and x.size for x in (path.times, path.ok)):
@@ -120,15 +121,15 @@ def _brief(path: Any) -> str:
 
 
 def end_alone(path: P) -> P:
-    """The path with the state at its end alone, and `first_bad` 0 for a body that failed, else 1."""
+    """The path with only its final state, and `first_bad` 0 for a body that failed, else 1."""
     last = jax.tree.map(lambda x: x[-1], path.states)
     return path._replace(times=path.times[-1], states=last, first_bad=path.ok.astype(jnp.int32))
 
 
 def first_bad(start: AnyState, trusted: Array) -> Array:
-    """`Path.first_bad`, from the start, and whether each later state can be trusted as far as was checked already.
+    """`Path.first_bad`, from the initial state and whether each later state can be trusted so far.
 
-    A run that has failed stays failed: its flag stays False, and NaN and infinity do not become finite. So all states
-    that can be trusted come first, and their number is the index of the first bad state.
+    A run that has failed stays failed: its flag stays False, and NaN and infinity do not become finite. All trustworthy
+    states therefore come first, and their number is the index of the first bad state.
     """
     return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)

@@ -1,4 +1,4 @@
-"""Why a run failed: what `path.result` says."""
+"""`RESULTS`: why a run failed (`path.result`)."""
 
 from typing import Any
 
@@ -58,20 +58,13 @@ class RESULTS(eqx.Enumeration):
 
 
 def reasons(result: Any, failed: np.ndarray) -> str:
-    """The sentences of the results where a run failed, each of them once."""
+    """The sentences of the results of failed runs, without repetition."""
     codes = np.ravel(jax.tree.leaves(result)[0])
     first = [int(np.flatnonzero((codes == code) & np.ravel(failed))[0]) for code in np.unique(codes[np.ravel(failed)])]
     return " ".join(RESULTS[jax.tree.map(lambda x, i=i: jnp.ravel(x)[i], result)] for i in first)
 
 
 def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> Any:
-    """The result of a run.
-
-    Args:
-        verdict: that of the first step that failed, or fine.
-        finite: whether all numbers are finite at the end; a number that is not finite never becomes so.
-        reached: whether the run came to its end.
-    """
     found: Any = RESULTS.not_finite
     for code, result in (
         (UNSOLVED, RESULTS.not_solved),

@@ -1,8 +1,8 @@
-"""For `ensemble`: decides which arrays have one row for each body, and checks the number of rows.
+"""Decides for `ensemble` which arrays have one row per body, and checks the number of rows.
 
 For body, start, dt and t0 the number of axes decides. For a torque's parameters it cannot: with three bodies, (3,) may
-be one vector for all or one number for each. So every reading is tried on shapes, and if several work, the caller must
-choose.
+be one shared vector or one number per body. Every reading is therefore tried on shapes, and if several work, the caller
+must choose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ _KEPT = 64  # decisions remembered
 
 
 def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any], count: int) -> None:
-    """Raises unless every marked array has `count` rows; for each value `rows` holds a tree of booleans, the marks."""
+    """Raises unless every marked array has `count` rows; `rows` holds a tree of boolean marks for each value."""
     for name, value, marked in zip(names, values, rows, strict=True):
         leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(value, marked))
         for path, leaf in leaves:
@@ -42,23 +42,23 @@ def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any],
 
 
 def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnyState, count: int) -> Any:
-    """The torque's tree with True for each array that has one row for each body.
+    """The torque's tree with True for each array with one row per body.
 
     Args:
-        axes: "auto": every set of arrays of length `count` is tried as those with rows, and the only set with which the
-            torque has the shape of one body's momentum is taken; only shapes are evaluated. Otherwise as `RULE` says.
-        body, own_body: the body on which the torque acts, and whether its arrays have one row for each body.
+        axes: "auto": every set of arrays of length `count` is tried, evaluating only shapes. The only set for which the
+            torque has the shape of one body's momentum is returned. Otherwise `RULE` applies.
+        body, own_body: the body on which the torque acts, and whether its arrays have one row per body.
 
     Raises:
-        ValueError: several readings work, or none does; `axes` is not of a kind above, or does not fit the torque; or
-            the torque does not act on one body when its parameters are read as `axes` says.
+        ValueError: several readings work, or none does; `axes` is of no kind above, or does not fit the torque; or the
+            torque does not act on one body if its parameters are read as in `axes`.
     """
     others = _Shapes.of(start, rows=True), _Shapes.of(body, rows=own_body)
     shapes = _Shapes.of(torque)
     if isinstance(axes, str) and axes == AUTO:
         try:
             chosen = _only_reading(shapes, others, count)
-        except TypeError:  # a part of the torque has no hash, and the decision cannot be remembered
+        except TypeError:  # a part of the torque has no hash, so the decision cannot be cached
             chosen = _only_reading.__wrapped__(shapes, others, count)
     else:
         chosen = _marked_by_axes(torque, axes)
@@ -69,7 +69,7 @@ def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnySta
 
 
 class _Shapes(NamedTuple):
-    """A tree with shapes in place of its arrays: all that a decision depends on, so decisions can be cached by it."""
+    """A tree with shapes instead of arrays: the key of cached decisions, which depend on shapes alone."""
 
     leaves: tuple[Any, ...]
     structure: Any
@@ -82,7 +82,7 @@ class _Shapes(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """The name of each leaf, as in torque_axes."""
+        """The name of each leaf, as in `torque_axes`."""
         paths = jax.tree_util.tree_leaves_with_path(self.structure.unflatten(self.leaves))
         return [_name(path) for path, _ in paths]
 
@@ -92,7 +92,7 @@ class _Shapes(NamedTuple):
         return ", ".join(f"{names[i]} {self.leaves[i].shape}" for i in chosen)
 
     def call(self, chosen: tuple[int, ...]) -> str:
-        """For messages: the argument `torque_axes` with which these leaves of a torque have rows."""
+        """For messages: the argument `torque_axes` for which these leaves of a torque have rows."""
         if not chosen:
             return "torque_axes=None"
         if set(chosen) == {i for i, leaf in enumerate(self.leaves) if _is_array(leaf)}:
@@ -102,7 +102,7 @@ class _Shapes(NamedTuple):
 
 
 def _array_or_row(leaf: Any, row: bool) -> Any:
-    """The shape and dtype of an array, or of one of its rows; anything else unchanged."""
+    """The shape and dtype of an array, or of one of its rows; other objects are unchanged."""
     return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if _is_array(leaf) else leaf
 
 
@@ -117,7 +117,7 @@ def _marks(torque: Any, chosen: tuple[int, ...]) -> Any:
 
 @lru_cache(maxsize=_KEPT)
 def _only_reading(torque: _Shapes, others: tuple[_Shapes, ...], count: int) -> tuple[int, ...]:
-    """The indices of the leaves with rows, in the one reading that works."""
+    """The indices of the leaves with rows, in the only reading that works."""
     leaves = torque.leaves
     candidates = [i for i, leaf in enumerate(leaves) if _is_array(leaf) and leaf.shape and leaf.shape[0] == count]
     if len(candidates) > _MOST_TRIED:
@@ -147,7 +147,7 @@ def _choices(candidates: list[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> tuple[int, ...] | None:
-    """The shape of the torque on one body, with one row of each leaf in `chosen`; None if the torque refuses shapes."""
+    """The shape of the torque on one body, with one row of each leaf in `chosen`; None if the torque raises."""
     try:
         return getattr(_evaluated(torque, chosen, others), "shape", None)
     except (TypeError, ValueError, IndexError, AttributeError):
@@ -155,7 +155,7 @@ def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shape
 
 
 def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> Any:
-    """What the torque on one body returns, as shapes; raises what the torque raises."""
+    """The result of the torque on one body, as shapes; raises what the torque raises."""
     parts = torque.structure.unflatten([_array_or_row(leaf, i in chosen) for i, leaf in enumerate(torque.leaves)])
     arguments = parts, *(other.structure.unflatten(other.leaves) for other in others)
     arrays, rest = eqx.partition(arguments, _is_array)
@@ -169,7 +169,7 @@ def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, 
 
 
 def _refuse(torque: _Shapes, candidates: list[int], others: tuple[_Shapes, ...], count: int) -> None:
-    """Raises if the torque acts on several bodies at once; other mistakes in a torque are reported by the run."""
+    """Raises if the torque acts on several bodies at once; the run reports other mistakes in a torque."""
     momentum = others[0].leaves[0].shape
     shape = _torque_shape(torque, (), others)
     if shape is None or shape == momentum or shape[-len(momentum) :] != momentum:
@@ -196,7 +196,7 @@ def _name(path: Any) -> str:
 
 
 def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
-    """The indices of the leaves that have rows according to `axes`."""
+    """The indices of the leaves with rows according to `axes`."""
     names = [axes] if isinstance(axes, str) else axes
     if isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names):
         return _named(torque, names)
@@ -228,7 +228,7 @@ def _named(torque: Any, names: Sequence[str]) -> tuple[int, ...]:
 
 
 def _require_one_torque(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> None:
-    """Raises if the torque does not act on one body when the arrays in `chosen` have one row for each."""
+    """Raises if the torque does not act on one body when the arrays in `chosen` have one row per body."""
     wanted = others[0].leaves[0].shape
     names = torque.names
     read = ", ".join(f"{names[i]} {torque.leaves[i].shape[1:]}" for i in chosen)

@@ -1,8 +1,8 @@
-"""Inputs that all bodies share, computed once for an ensemble: the place on an orbit, the course of a field in time.
+"""Inputs that all bodies share, computed once per ensemble, such as an orbit or a field over time.
 
-XLA would compute them anew in every chunk of bodies. `find` traces one step of one body and splits it
-(`_xla/hoisting.py`). Values that are expensive, change from step to step and are the same for all bodies are computed
-by `SharedInputs.rows`, in a table with one row for each step; `SharedInputs.advance` is the step that reads its row.
+XLA would recompute them in every chunk of bodies. `find` traces one step of one body and splits it
+(`_xla/hoisting.py`). `SharedInputs.rows` computes the values that are expensive, change from step to step and are the
+same for all bodies, in a table with one row per step. `SharedInputs.advance` is the step that reads its row.
 """
 
 from functools import partial
@@ -44,7 +44,7 @@ class SharedInputs(NamedTuple):
     def table(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
         """The rows of steps with these indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
 
-        All blocks have one size, so the code that computes a row, and hence the bits of the row, do not depend on k.
+        All blocks have the same size, so the code that computes a row, and therefore its bits, do not depend on k.
         """
         return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=BLOCK)
 
@@ -60,7 +60,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     Args:
         method: fitted to the body.
         arguments: body, torque, start, dt and t0 of one body.
-        rows: the same tree, with True for each array that has one row for each body.
+        rows: the same tree, with True for each array with one row per body.
     """
     body, torque, start, dt, t0 = arguments
     if torque is None or any(jax.tree.leaves(rows[3:])) or jax.sharding.get_abstract_mesh().manual_axes:
@@ -105,8 +105,8 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
 def _without_mesh(value: Array) -> jax.ShapeDtypeStruct:
     """The type of an array, without the mesh on which it lies.
 
-    The state at the end of a run on a mesh lies on that mesh, and so does a start made from that state. JAX would write
-    the mesh into the operations of the traced step, which then could not be performed within `jax.shard_map`.
+    The final state of a run on a mesh lies on that mesh, and so does an initial state made from it. JAX would write the
+    mesh into the operations of the traced step, which `jax.shard_map` could then not perform.
     """
     return jax.ShapeDtypeStruct(value.shape, value.dtype, weak_type=jax.typeof(value).weak_type)
 

@@ -1,4 +1,4 @@
-"""`stepper`: the steps of a method as pure functions of a `Carry`; and `OneStep`, which every driver takes."""
+"""`stepper`: the steps of a method as pure functions of a `Carry`; `OneStep`: the step of every driver."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -31,7 +31,7 @@ class OneStep(NamedTuple):
     """The steps of a run with a constant step.
 
     Attributes:
-        method, system: fitted to the body; with the constants of the run.
+        method, system: the method fitted to the body, and the constants of the run.
         t0, dt: (), the time of step 0, and the step.
         shared: the step with prepared inputs, or None for the step of the method.
         axes: the axes of a mesh of devices along which the run varies.
@@ -46,7 +46,7 @@ class OneStep(NamedTuple):
 
     @property
     def unroll(self) -> int:
-        """Steps per iteration of a loop: one if the torque is a loop of its own, so that it is compiled once."""
+        """Steps per iteration of a loop; one if the torque contains a loop, so that it is compiled once."""
         return 1 if self.system.kind.apart or self.system.separate else self.method.unroll
 
     def take(self, progress: Progress, step: tuple[Array, Any]) -> Progress:
@@ -58,14 +58,14 @@ class OneStep(NamedTuple):
         return self.method.advance(self.system.at_step(n), (self.t0, self.dt), ends, self.dt, progress, self.axes)[0]
 
     def take_back(self, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
-        """The progress before a step, and what `take_again` can use of this computation."""
+        """The progress before a step, and intermediate results for `take_again`."""
         method, ends = self.method, partial(ends_of_step_back, step[0])
         run = self.system, (self.t0, self.dt), ends, -self.dt, progress, self.axes, method.step_back
         progress, (_, known) = method.advance(*run)
         return progress, known
 
     def take_again(self, progress: Progress, step: tuple[Array, Any], known: Any) -> Progress:
-        """`take` for its derivative alone, after `take_back`."""
+        """`take` for the derivative alone, after `take_back`."""
         if self.shared is not None:
             return self.take(progress, step)
         again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0])
@@ -74,12 +74,12 @@ class OneStep(NamedTuple):
     def loop(
         self, progress: Progress, first: Array, iterations: Array, size: int = 1, rows: Any = None, skip: Any = 0
     ) -> Progress:
-        """The progress after some iterations of `size` steps each.
+        """The progress after several iterations of `size` steps each.
 
         Args:
             first: the index of the step that belongs to the first row.
-            iterations: their number, an argument of the compiled program.
-            rows: the prepared inputs of the steps, with a row for each, if there are any.
+            iterations: number of iterations, an argument of the compiled program.
+            rows: the prepared inputs of the steps, with one row per step, or None.
             skip: the number of the first step, counted from `first`.
         """
 
@@ -99,18 +99,18 @@ class OneStep(NamedTuple):
         return jax.lax.fori_loop(0, iterations, iteration, progress)
 
     def counted(self, progress: Progress, first: Array, count: Array, rows: Any = None, skip: Any = 0) -> Progress:
-        """The progress after a number of steps that the compiler does not know; arguments as for `loop`."""
+        """The progress after a traced number of steps; arguments as for `loop`."""
         whole = count // self.unroll
         progress = self.loop(progress, first, whole, self.unroll, rows, skip)
         taken = whole * self.unroll
         return progress if self.unroll == 1 else self.loop(progress, first, count - taken, 1, rows, skip + taken)
 
     def many(self, inputs: Any, number: int, total: int) -> Steps:
-        """Consecutive steps, as an adjoint takes them.
+        """Consecutive steps for an adjoint.
 
         Args:
             inputs: the index and the prepared inputs of each step, with a leading axis.
-            number: how many they are. total: how many the run has in all.
+            number: number of these steps. total: number of steps of the run.
         """
         method, system = self.method, self.system
         fused = not (method.loops_for(system) or system.costly or system.bath is not None or system.kind.apart)
@@ -118,15 +118,15 @@ class OneStep(NamedTuple):
 
 
 class Carry(eqx.Module):
-    """Where a run stands: all that its next step needs. A pytree of arrays.
+    """The complete state of a run before its next step, a pytree of arrays.
 
-    A run that goes on from a carry takes up the index of the next step, and so the time and the noise, and has the bits
-    of a run that was never divided, if both are compiled alike.
+    A run that continues from a carry continues the index of the steps, and therefore the time and the noise. It is
+    bitwise equal to an undivided run if both are compiled in the same way.
 
     Attributes:
-        index: the number of steps taken, (), int32: the index of the next step.
-        progress: momentum and pose in principal axes, the force there if the method keeps it, and the verdict.
-        kind: the class that stores them.
+        index: the number of steps taken, (), int32, which is the index of the next step.
+        progress: momentum and pose in principal axes, the force if the method keeps it, and the verdict.
+        kind: the class of the states.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -155,8 +155,8 @@ class Carry(eqx.Module):
 class Stepper:
     """The steps of one body as pure functions of a `Carry`; made by `midlie_jax.stepper`. A pytree.
 
-    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a custom `lax.scan`, `unroll=2`
-    saves XLA a copy of the arrays.
+    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a custom `lax.scan`, `unroll=2` avoids a
+    copy of the arrays in XLA.
 
     Attributes:
         t0, dt: (), the time of step 0, and the step.
@@ -185,23 +185,23 @@ class Stepper:
 
     @property
     def body(self) -> Any:
-        """The body of all steps that name no other."""
+        """The body of all steps that do not name another."""
         return self._parts[1]
 
     @property
     def torque(self) -> Any:
-        """The torque of all steps that name no other."""
+        """The torque of all steps that do not name another."""
         return self._parts[2]
 
     def init(self, start: AnyState | None = None, first_step: Any = 0) -> Carry:
         """The carry before the first step.
 
         Args:
-            start: the state there, by default the one that the stepper was made with.
+            start: the state before this step, by default the state given to `stepper`.
             first_step: the index of the first step.
 
         Raises:
-            ValueError: the start is of another class, shape or dtype.
+            ValueError: the state has another class, shape or dtype.
         """
         method, body, _, like, system = self._parts
         start = like if start is None else start
@@ -216,8 +216,8 @@ class Stepper:
 
         Args:
             carry: from `init`, `step`, `advance` or `Path.carry`.
-            torque: of the same class and structure, with other parameters, for this step alone.
-            body: likewise. The momentum is kept. With the body at the middle of each step the run is of order 2.
+            torque: a torque of the same class and structure with other parameters, for this step only.
+            body: likewise. The momentum is conserved. With the body at the middle of each step the run is of order 2.
 
         Raises:
             ValueError: the torque or the body has another structure, shape or dtype.
@@ -230,9 +230,9 @@ class Stepper:
         """The carry after a number of steps.
 
         Args:
-            carry, torque, body: as for `step`; the torque and body hold for all of these steps.
-            steps: an int; or an integer array of JAX, (), for which one program serves every number, without a
-                reverse derivative. None are taken if it is negative.
+            carry, torque, body: as for `step`; the torque and body are used for all these steps.
+            steps: an int; or an integer JAX array, (), for which one program serves every number, without a reverse
+                derivative. No step is taken if it is negative.
             adjoint: how an int of steps is differentiated, as for `midlie_jax.integrate`.
 
         Raises:
@@ -286,7 +286,7 @@ class Stepper:
 
 
 def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
-    """The start of a run as a state, the index of its first step, and the progress there if `start` is a `Carry`."""
+    """The initial state of a run, the index of its first step, and its progress if `start` is a `Carry`."""
     if not isinstance(start, Carry):
         return start, first_step, None
     if isinstance(first_step, Array | np.ndarray) or first_step != 0:
@@ -300,7 +300,7 @@ def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
 
 
 def check_carried(carried: Progress, system: System, method: Method) -> None:
-    """Raises unless a method can go on from this progress."""
+    """Raises unless a method can continue from this progress."""
     if (carried.force is not None) != method.keeps_force(system):
         raise ValueError(
             f"start must be a Carry of the same method and torque, got one of another: {method.name} "
@@ -315,7 +315,7 @@ def stepper(
 
     Args:
         method, body, torque: as for `midlie_jax.integrate`.
-        start: a state of the class, shape and dtype of the run.
+        start: the initial state, which sets the class, shape and dtype of the run.
         dt: step, (), may be negative.
         t0: time of step 0, ().
 
@@ -323,7 +323,7 @@ def stepper(
         A `Stepper`.
 
     Raises:
-        ValueError: as `midlie_jax.integrate`.
+        ValueError: as for `midlie_jax.integrate`.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -344,7 +344,7 @@ def stepper(
 
 
 def _moved_over(before: OneStep, after: OneStep, index: Array, progress: Progress) -> Progress:
-    """The progress of a system as that of another, with the same momentum in the user's axes, and the force there."""
+    """The progress in another system, with the same momentum in the user's axes, and its force."""
     motion, system = progress.motion, after.system
     if system.frame is not None:
         motion = system.motion(before.system.state(motion))
@@ -355,7 +355,7 @@ def _moved_over(before: OneStep, after: OneStep, index: Array, progress: Progres
 
 
 def _check_alike(name: str, value: Any, like: Any) -> None:
-    """Raises unless a pytree has the structure, shapes and dtypes of another."""
+    """Raises unless a pytree has the same structure, shapes and dtypes as another."""
     if jax.tree.structure(value) != jax.tree.structure(like):
         raise ValueError(
             f"{name} must have the structure of that of the stepper, {_form(like)}, got {_form(value)}; "

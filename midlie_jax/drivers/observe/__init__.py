@@ -1,14 +1,14 @@
-"""What an ensemble saves in place of its states: `observe=` of `ensemble` and `simulate`.
+"""What an ensemble saves instead of its states: `observe=` of `ensemble` and `simulate`.
 
 An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
-the device: any function of (t, state), one of the classes of this module, or a dict of these. A *statistic* (`Mean`,
-`Histogram`) combines these values over all bodies that can be trusted at that time; a statistic of time
+the device. It is a function of (t, state), one of the classes of this module, or a dict of these. A *statistic*
+(`Mean`, `Histogram`) combines these values over all bodies with trustworthy values at that time. A statistic of time
 (`Autocorrelation`, `Spectrum`) combines all values of each body, and then the bodies.
 
-Modules: `observables` (what an observable is), `quantities` (those that most runs want), `brightness` (of a surface in
-the Sun), `statistics` (over bodies at
-one time), `series` (over times), `autocorrelation` and `spectrum` (the two of these), `spread` (means over bodies and
-their errors), `of_arrays` (the same of values in memory), `arguments` (the argument of the drivers).
+Modules: `observables` (definition of an observable), `quantities` (common observables), `brightness` (of a surface in
+sunlight), `statistics` (over bodies at one time), `series` (over times), `autocorrelation` and `spectrum` (the two
+series), `spread` (means over bodies and their errors), `of_arrays` (the same for values in memory), `arguments` (the
+argument of the drivers).
 """
 
 from .arguments import Observe as Observe

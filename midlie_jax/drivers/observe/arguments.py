@@ -1,4 +1,4 @@
-"""The argument `observe` of the drivers, and what is saved of one body in its name."""
+"""The argument `observe` of the drivers, and the values it saves of one body."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ Observe = Observable | Statistic
 
 
 class Values(Observable):
-    """The values that a statistic combines, of one body."""
+    """The values of one body that a statistic combines."""
 
     observable: Observable
 
@@ -41,7 +41,7 @@ def as_observe(value: Any) -> Observe | None:
 
 
 def as_observe_of_one(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver of one body: an autocorrelation or a spectrum may be had of one.
+    """The checked argument `observe` of a driver of one body: an observable, an autocorrelation or a spectrum.
 
     Raises:
         ValueError: it is another statistic, which combines bodies, or no observable.
@@ -61,7 +61,7 @@ def as_observe_of_one(value: Any) -> Observe | None:
 
 
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-    """What is saved of one body at one time: what is observed, or the state itself if nothing is.
+    """The saved values of one body at one time: the observed values, or the state if nothing is observed.
 
     Raises:
         ValueError: the observable returns no array, or complex numbers to a statistic.

@@ -1,4 +1,4 @@
-"""`Autocorrelation`: how long a quantity of the bodies remembers what it was."""
+"""`Autocorrelation`: how long a quantity of the bodies stays correlated with its past."""
 
 from typing import Any, NamedTuple
 
@@ -18,14 +18,14 @@ _PIECE = 64  # times that are combined with all lags at once
 
 
 class Correlation(NamedTuple):
-    """What `Autocorrelation` finds.
+    """Result of `Autocorrelation`.
 
     Attributes:
         lag: (lags + 1,), from 0, in units of time.
         correlation: (lags + 1,), in the square of the unit of x; without a unit if normalised.
         error: (lags + 1,), the standard error of the correlation, from its spread over the bodies; NaN for fewer than
             two bodies.
-        number: (lags + 1,), how many bodies were counted: those with values at two times so far apart.
+        number: (lags + 1,), number of bodies counted: bodies with values at two times separated by this lag.
 
     Examples:
         >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
@@ -41,16 +41,16 @@ class Correlation(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """What is carried of n bodies from one block of values to the next.
+    """The values carried for n bodies from one block of values to the next.
 
-    Where the mean is removed, `reference` is the first value and is subtracted from all, and m2 = m; else m2 is 0.
+    If the mean is removed, `reference` is the first value and is subtracted from all, and m2 = m; else m2 is 0.
 
     Attributes:
-        counted: (n,), how many values counted so far.
+        counted: (n,), number of values counted.
         reference: (n, m2).
         first, last: (n, lags, m2) and (n, lags, m), the first and the last values that counted.
-        high, low: (n, lags + 1 + m2), the sums of the products, and that of the values; the low part is what the high
-            part has rounded away.
+        high, low: (n, lags + 1 + m2), the sums of the products and of the values; the low part is the rounding error of
+            the high part.
     """
 
     counted: Array
@@ -62,23 +62,23 @@ class Carried(NamedTuple):
 
 
 class Autocorrelation(Series):
-    """C(lag) = the mean of x(t) x(t + lag) over bodies and times t; of a vector, the mean of x(t) . x(t + lag).
+    """C(lag) is the mean of x(t) x(t + lag) over bodies and times t; for a vector, of x(t) . x(t + lag).
 
-    For each array that the observable returns a `Correlation`; an array is taken as the vector of all its numbers, so
-    observe a dict of numbers to have one for each. As is usual in molecular dynamics (M. P. Allen and D. J. Tildesley,
-    Computer Simulation of Liquids, 2017, section 8.2), no mean is removed, and each lag has all the pairs of values
-    that there are. Of a body only the values before its first bad state count.
+    Returns a `Correlation` for each array that the observable returns. An array counts as the vector of all its
+    numbers; to get a correlation for each number, observe a dict. As usual in molecular dynamics (M. P. Allen and D. J.
+    Tildesley, Computer Simulation of Liquids, 2017, section 8.2), no mean is removed, and each lag uses all available
+    pairs of values. Only the values before the first bad state of a body count.
 
-    The error takes bodies as independent, and nothing else: values of one body may depend on each other as they will.
+    The error assumes independent bodies, and nothing else: values of one body may be correlated.
 
     Attributes:
         observable: the observable x.
         lags: the largest lag, in intervals between saved values: lag k is the time k * save_every * abs(dt).
-        centred: whether the mean of x over all bodies and times is removed first, so that C is the autocovariance.
-        normalised: whether C is divided by C(0); the error is then that of the ratio.
+        centred: whether the mean of x over all bodies and times is removed first, which gives the autocovariance.
+        normalised: whether C is divided by C(0); the error is then the error of the ratio.
 
     Raises:
-        ValueError: `lags` is not a positive int; a driver raises it if the run has no more than `lags` saved values.
+        ValueError: `lags` is not a positive int; a driver raises it if the run has at most `lags` saved values.
 
     Examples:
         >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
@@ -122,7 +122,7 @@ class Autocorrelation(Series):
         return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
 
     def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
-        """In pieces that stay in the cache while all lags read them; the last one is filled up."""
+        """In pieces that stay in the cache while all lags read them; the last one is padded."""
         n, k, m = x.shape
         size = min(k, _PIECE)
         pieces = -(-k // size)
@@ -140,7 +140,7 @@ class Autocorrelation(Series):
             x = x - reference[:, None]
         x = jnp.where(good[..., None], x, 0)
         seen = jnp.concatenate([before.last, x], axis=1)
-        columns = jnp.moveaxis(seen, 0, -1)  # the bodies come last, so that each lag adds long rows side by side
+        columns = jnp.moveaxis(seen, 0, -1)  # the bodies come last, so that each lag adds long contiguous rows
         later = columns[self.lags :]
 
         def of_lag(lag: Array) -> Array:
@@ -181,7 +181,7 @@ class Autocorrelation(Series):
         return sums_of(s, a, terms, mean, weight, relative=self.normalised)
 
     def _left_out(self, carried: Carried) -> Array:
-        """(lags + 1, m2, n): the sum of the values that are no later factor, and of those that are no earlier one."""
+        """(lags + 1, m2, n): the sums of the values that are no later factor, and of values that are no earlier one."""
         last = carried.last[..., : carried.first.shape[-1]]
         ends = jnp.cumsum(carried.first, axis=1) + jnp.cumsum(last[:, ::-1], axis=1)
         return jnp.moveaxis(jnp.pad(ends, [(0, 0), (1, 0), (0, 0)]), 0, -1)

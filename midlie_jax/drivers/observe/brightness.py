@@ -1,4 +1,4 @@
-"""`Brightness`: how bright a surface is that the Sun lights, and laws of scattering."""
+"""`Brightness`: the brightness of a sunlit surface, and scattering laws."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -19,10 +19,10 @@ from .light import Light
 
 
 class Scattering(eqx.Module):
-    """A law of scattering: the brightness of a facet for each area and albedo, `law(mu, mu0) -> ()`.
+    """A scattering law: the brightness of a facet per area and albedo, `law(mu, mu0) -> ()`.
 
-    A law of your own is a subclass. It must be zero where mu or mu0 is, without a jump; it is called where both are
-    positive.
+    A custom law is a subclass. It must tend to zero where mu or mu0 does, without a jump; it is called only where both
+    are positive.
 
     Examples:
         >>> class Minnaert(ml.observe.Scattering):  # of your own
@@ -46,7 +46,7 @@ class Scattering(eqx.Module):
 
 
 class Lambert(Scattering):
-    """Lambert's law, mu mu0: a white, rough surface. The intensity is pi times that of a surface of this albedo.
+    """Lambert's law, mu mu0, for a white, rough surface; the intensity is pi times that for this albedo.
 
     Examples:
         >>> law = ml.observe.Lambert()  # for ml.observe.Brightness
@@ -59,16 +59,16 @@ class Lambert(Scattering):
 
 
 class LommelSeeliger(Scattering):
-    """The law of Lommel and Seeliger with a part of Lambert's, mu mu0 (1 / (mu + mu0) + lambert).
+    """The Lommel-Seeliger law plus a fraction of Lambert's law, mu mu0 (1 / (mu + mu0) + lambert).
 
-    It is that of a dark surface, such as of most asteroids, and with lambert = .1 that of light curve inversion
-    (M. Kaasalainen, J. Torppa, Icarus 153 (2001) 24; K. Muinonen et al., Astron. Astrophys. 642 (2020) A138).
+    It describes a dark surface, such as most asteroids. With lambert = 0.1 it is the law of light curve inversion (M.
+    Kaasalainen, J. Torppa, Icarus 153 (2001) 24; K. Muinonen et al., Astron. Astrophys. 642 (2020) A138).
 
     Attributes:
-        lambert: the factor of Lambert's law, (), not negative; 0 for Lommel and Seeliger alone.
+        lambert: the factor of Lambert's law, (), not negative; 0 for Lommel-Seeliger alone.
 
     Raises:
-        ValueError: a factor that is negative or not finite.
+        ValueError: the factor is negative or not finite.
 
     Examples:
         >>> law = ml.observe.LommelSeeliger(lambert=0.1)  # for ml.observe.Brightness
@@ -89,26 +89,25 @@ class LommelSeeliger(Scattering):
 
 
 class Brightness(Light):
-    """How bright a surface is: the sum over facets that the Sun lights and the observer sees of area albedo law.
+    """The brightness of a surface: the sum of area albedo law over the facets that are lit and visible.
 
-    It is in units of area for an albedo of one, up to the flux of the Sun and the distances; or a magnitude,
-    -2.5 log10 of it. No facet shadows or hides another one: exact for convex surfaces. It is called as
-    `brightness(t, state)`, and is an `observe` of a run. Its derivatives are right where facets turn into the dark.
+    It has units of area for an albedo of one, up to the solar flux and the distances; or it is a magnitude, -2.5 log10
+    of it. Facets do not shadow or hide each other, which is exact for convex surfaces. It is called as `brightness(t,
+    state)`, and can be passed as `observe`. Its derivatives are correct where facets rotate into the dark.
 
     Attributes:
         surface: the facets, in the frame of the body.
         sun: direction from the body to the Sun, space frame, a unit vector (3,); or a function `sun(t) -> (3,)`, whose
-            vector is normalised: a place seen from the body.
-        observer: direction to the observer, in the same forms. With light that takes time, the time is that of the
-            body.
+            vector is normalised, such as a position relative to the body.
+        observer: direction to the observer, in the same forms. With a light travel time, t is the time at the body.
         law: a `Scattering`, such as `Lambert()` or `LommelSeeliger(lambert=0.1)`.
-        albedo: () or one for each facet, (n,), not negative.
+        albedo: () or one per facet, (n,), not negative.
         phase: None, or a factor as a function of the phase angle in radians, `phase(angle) -> ()`.
-        magnitude: whether it is in magnitudes; then infinite where nothing is seen.
+        magnitude: whether the result is in magnitudes; it is infinite where nothing is visible.
 
     Raises:
-        ValueError: another thing than a `Surface`, a direction that is no unit vector, a law that cannot be called, or
-            a negative albedo. When called: as many albedos as facets are not there, or a state without an attitude.
+        ValueError: the surface is no `Surface`, a direction is no unit vector, the law cannot be called, or an albedo
+            is negative. When called: the numbers of albedos and facets differ, or the state has no attitude.
 
     Examples:
         >>> cube = ml.Surface.box([2.0, 2.0, 2.0])
@@ -152,7 +151,7 @@ class Brightness(Light):
 def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observer: cp.Vector) -> Array:
     mu0, mu = cp.dot(row[0:3], sun), cp.dot(row[0:3], observer)
     seen = (mu > 0) & (mu0 > 0)
-    # The law is not called in the dark: there it may be 0/0, and the derivative of `where` would be NaN.
+    # The law is not called in the dark, where it may be 0/0 and the derivative of `where` would be NaN.
     one = jnp.ones_like(mu)
     value = law(jnp.where(seen, mu, one), jnp.where(seen, mu0, one))
     return jnp.where(seen, row[3] * value, jnp.zeros_like(value))

@@ -1,4 +1,4 @@
-"""`EllipsoidBrightness`: how bright an ellipsoid is, in closed form."""
+"""`EllipsoidBrightness`: the brightness of an ellipsoid in closed form."""
 
 from typing import Any
 
@@ -12,27 +12,27 @@ from ..._math import components as cp
 from ..._math.powers import unit
 from .light import Light
 
-_NONE = 1e-30  # a square of a sine below this counts as zero
+_NONE = 1e-30  # the square of a sine below this counts as zero
 
 
 class EllipsoidBrightness(Light):
-    """How bright an ellipsoid is that the Sun lights, by the law of Lommel and Seeliger, in closed form.
+    """The brightness of a sunlit ellipsoid for the Lommel-Seeliger law, in closed form.
 
-    It is what `Brightness(Surface.ellipsoid(semi_axes), sun, observer, LommelSeeliger())` tends to with the number of
-    facets, for the price of a few of them. And it is smooth: where a facet turns into the dark, the derivative of a sum
-    over facets jumps, which makes a fit take more steps, and its intervals too narrow if the facets are few.
+    `Brightness(Surface.ellipsoid(semi_axes), sun, observer, LommelSeeliger())` converges to it with the number of
+    facets; it needs the run time of a few facets. It is smooth. For a sum over facets the derivative jumps where a
+    facet rotates into the dark. A fit then takes more steps, and its intervals are too narrow if there are few facets.
 
-    With s and o, the directions of Sun and observer divided by the semi-axes, component by component, and v = s + o, it
-    is pi/2 a b c |s| |o| / |v| (cos l + cos m + sin l sin m ln(tan(l/2) tan(m/2))), where l and m are the angles from v
-    to s and to o (K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23). Relative to what is seen from the Sun it
-    is right to rounding; opposite to the Sun, to the power 2/3 of that.
+    With s and o, the directions of Sun and observer divided by the semi-axes, component by component, and v = s + o,
+    the brightness is pi/2 a b c |s| |o| / |v| (cos l + cos m + sin l sin m ln(tan(l/2) tan(m/2))), where l and m are
+    the angles from v to s and to o (K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23). Relative to the
+    brightness seen from the Sun it is accurate to rounding; opposite to the Sun, to the power 2/3 of rounding.
 
     Attributes:
         semi_axes: along the axes of the body frame, (3,), length, positive.
         sun, observer, phase, magnitude: as for `Brightness`.
 
     Raises:
-        ValueError: semi-axes that are not positive or of another shape, or a direction that is no unit vector.
+        ValueError: the semi-axes are not positive or have another shape, or a direction is no unit vector.
 
     Examples:
         >>> light = ml.observe.EllipsoidBrightness([3.0, 2.0, 1.0], sun=[1.0, 0.0, 0.0], observer=[0.0, 1.0, 0.0])
@@ -60,7 +60,7 @@ def _intensity(axes: cp.Vector, sun: cp.Vector, observer: cp.Vector) -> Array:
     s, o = ((x / a, y / b, z / c) for x, y, z in (sun, observer))
     v, across = cp.add(s, o), cp.cross(s, o)
     s2, o2, v2, square = (cp.dot(u, u) for u in (s, o, v, across))
-    # Opposite to the Sun the bright edge is thinner than the rounding of v; there it counts as dark.
+    # Opposite to the Sun the bright edge is thinner than the rounding error of v; there it counts as dark.
     apart = v2 > s2 * float(jnp.finfo(v2.dtype).eps) ** (2 / 3)
     v2 = jnp.where(apart, v2, jnp.ones_like(v2))
     sizes, dots = (jnp.sqrt(s2 * v2), jnp.sqrt(o2 * v2)), (cp.dot(s, v), cp.dot(o, v))

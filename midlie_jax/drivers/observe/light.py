@@ -1,4 +1,4 @@
-"""`Light`: what the brightness of a surface and that of an ellipsoid share."""
+"""`Light`: the base class of `Brightness` and `EllipsoidBrightness`."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from .observables import Observable
 
 
 class Light(Observable):
-    """Light of the Sun that a body sends to an observer; called as `light(t, state)`, too."""
+    """Sunlight that a body sends to an observer; also called as `light(t, state)`."""
 
     sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
     observer: Float[Array, "*batch 3"] | Callable[[Any], Array]

@@ -1,4 +1,4 @@
-"""`Observable`, a quantity of one body at one time; any function of (t, state), and several by name."""
+"""`Observable`: a quantity of one body at one time, from a function of (t, state) or several by name."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from ...model.torques import TorqueLike
 
 
 class Observable(eqx.Module):
-    """A quantity of one body at one time: the argument `observe` of a run, or what a statistic combines.
+    """A quantity of one body at one time: the argument `observe` of a run, or the input of a statistic.
 
     Examples:
         >>> class Tilt(ml.observe.Observable):  # of your own: the angle between axis 3 and the vertical, ()
@@ -51,7 +51,7 @@ class Function(Observable):
 
 
 class Together(Observable):
-    """Several observables by name; the value is a dict of theirs.
+    """Several observables by name; the value is a dict of their values.
 
     Attributes:
         parts: the observables by name.
@@ -74,7 +74,7 @@ def as_observable(name: str, value: Any) -> Observable:
     """The argument as an observable: an observable, a function of (t, state), or a dict of both.
 
     Args:
-        name: what the argument is called in the message of the error.
+        name: the name of the argument in the error message.
         value: the argument.
 
     Raises:

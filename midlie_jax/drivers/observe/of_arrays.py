@@ -1,4 +1,4 @@
-"""`autocorrelation` and `spectrum` of values that are in memory already, such as those of a run that saved them."""
+"""`autocorrelation` and `spectrum` of values in memory, such as the saved values of a run."""
 
 from typing import Any
 
@@ -22,16 +22,16 @@ def autocorrelation(
     centred: bool = False,
     normalised: bool = False,
 ) -> Correlation:
-    """The autocorrelation of saved values, as by `Autocorrelation` while they are computed.
+    """The autocorrelation of saved values; equal to `Autocorrelation` during a run.
 
     Args:
-        values: (n, k) or (n, k, m): of each of n bodies k values, numbers or vectors, one after the other.
+        values: (n, k) or (n, k, m): k consecutive values of each of n bodies, numbers or vectors.
         lags, centred, normalised: as for `Autocorrelation`.
         interval: the time between two values, ().
-        first_bad: (n,), how many values of each body count, as `Path.first_bad` says; by default all.
+        first_bad: (n,), the number of values of each body that count, as in `Path.first_bad`; by default all.
 
     Raises:
-        ValueError: an argument does not fit; the message names it and the cure.
+        ValueError: an argument does not fit; the message names it and the remedy.
 
     Examples:
         >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
@@ -52,14 +52,14 @@ def spectrum(
     window: Any = "hann",
     detrend: bool = True,
 ) -> Density:
-    """The spectrum of saved values, as by `Spectrum` while they are computed.
+    """The spectrum of saved values; equal to `Spectrum` during a run.
 
     Args:
         values, interval, first_bad: as for `autocorrelation`.
         segment, overlap, window, detrend: as for `Spectrum`.
 
     Raises:
-        ValueError: an argument does not fit; the message names it and the cure.
+        ValueError: an argument does not fit; the message names it and the remedy.
 
     Examples:
         >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
@@ -72,7 +72,7 @@ def spectrum(
 
 
 def _values(t: Any, state: Any) -> Any:
-    """Stands for an observable that has been observed."""
+    """A placeholder for an observable whose values exist already."""
     raise AssertionError
 
 

@@ -1,4 +1,4 @@
-"""The observables that most runs want: energy, directions, momenta, velocities and places."""
+"""Common observables: energy, directions, momenta, velocities and positions."""
 
 from typing import Any, cast
 
@@ -35,14 +35,14 @@ class Energy(Observable):
 
 
 class Axis(Observable):
-    """The direction in space of an axis that is fixed in the body, a unit vector (3,); by default the third axis.
+    """The direction in space of a body-fixed axis, a unit vector (3,); by default the third axis.
 
     Attributes:
         axis: three numbers in the body frame, of any length but zero.
 
     Raises:
-        ValueError: the axis is zero or not finite. In a run: a state without an attitude, or another axis than
-            the third of an `AxisState`, which knows no other.
+        ValueError: the axis is zero or not finite. In a run: the state has no attitude; or it is an `AxisState`, which
+            supports only the third axis.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
@@ -109,10 +109,10 @@ class Tumbling(Observable):
 
 
 class Position(Observable):
-    """The position of the centre of mass of a body that travels, space frame, (3,), length.
+    """The position of the centre of mass of a body that translates, space frame, (3,), length.
 
     Raises:
-        ValueError: in a run, the body does not travel.
+        ValueError: in a run, the body does not translate.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
@@ -122,15 +122,15 @@ class Position(Observable):
     """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        observables.linear_momentum(state)  # which raises for a state that does not travel
+        observables.linear_momentum(state)  # which raises for a state that does not translate
         return state.position  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class Velocity(Observable):
-    """The velocity of the centre of mass of a body that travels, space frame, (3,), length/time.
+    """The velocity of the centre of mass of a body that translates, space frame, (3,), length/time.
 
     Raises:
-        ValueError: in a run, the body does not travel.
+        ValueError: in a run, the body does not translate.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)

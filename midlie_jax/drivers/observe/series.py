@@ -1,7 +1,7 @@
-"""`Series`, a statistic of the values that bodies have one after the other: what all statistics of time have in common.
+"""`Series`: the base class of statistics over consecutive values of bodies.
 
-The values of a body are taken in blocks, in the order of time, and what has to be known of earlier blocks is carried
-along. So a run in several spans of time has the same statistic as a run in one.
+The values of a body are processed in blocks, in the order of time, and the necessary results of earlier blocks are
+carried along. A run in several time spans therefore has the same statistic as a run in one.
 """
 
 from abc import abstractmethod
@@ -16,36 +16,36 @@ from .statistics import Statistic
 
 
 class Series(Statistic):
-    """A statistic over times and bodies: of each body only the values before its first bad state count."""
+    """A statistic over times and bodies; only the values before the first bad state of a body count."""
 
-    fields: ClassVar[tuple[str, ...]]  # the names of what `of_sums` returns, first that of its rows
+    fields: ClassVar[tuple[str, ...]]  # the names of the results of `of_sums`, beginning with its rows
 
     @abstractmethod
     def begun(self, bodies: int, values: Any) -> Any:
-        """What is carried of these bodies before their first values, a pytree of arrays (bodies, ...).
+        """The initial carry of these bodies, a pytree of arrays (bodies, ...).
 
         Args:
-            values: what is observed of one body at one time, a pytree of arrays or of their shapes and dtypes.
+            values: the observed values of one body at one time, a pytree of arrays or of their shapes and dtypes.
         """
 
     @abstractmethod
     def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        """What is carried after the values (bodies, k, ...) at the next k times.
+        """The carry after the values (bodies, k, ...) at the next k times.
 
         Args:
-            good: (bodies, k), whether the value counts; after one that does not, none of the body does.
+            good: (bodies, k), whether the value counts; after one that does not, no value of the body counts.
         """
 
     @abstractmethod
     def sums(self, carried: Any, counted: Array) -> Any:
-        """`Sums` of these bodies for each observed array, from what is carried; others than `counted` do not count."""
+        """`Sums` of these bodies for each observed array, from the carry; only bodies that are `counted` count."""
 
     @abstractmethod
     def of_sums(self, sums: Sums, interval: Array) -> Any:
         """The statistic of one observed array; `interval` is the time between two values, ()."""
 
     def part(self, values: Any, good: Array) -> Any:
-        """The part of a group of bodies, from all their values (bodies, k, ...); others than `good` do not count."""
+        """The part of a group of bodies, from all their values (bodies, k, ...); only `good` values count."""
         one = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[2:], x.dtype), values)
         carried = self.taken(self.begun(len(good), one), values, good)
         return self.sums(carried, jnp.ones(len(good), bool))
@@ -62,7 +62,7 @@ class Series(Statistic):
         )
 
     def finished(self, merged: Any) -> Any:
-        """The numbers of each `result` by name."""
+        """The arrays of each `result` by name."""
         return jax.tree.map(lambda found: found._asdict(), merged, is_leaf=lambda x: hasattr(x, "_asdict"))
 
     def row_of(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""`Spectrum`: at which frequencies a quantity of the bodies varies, by Welch's method."""
+"""`Spectrum`: the power of a quantity over frequency, by Welch's method."""
 
 from typing import Any, NamedTuple
 
@@ -17,13 +17,13 @@ from .spread import Sums, mean_and_error, sums_of
 
 
 class Density(NamedTuple):
-    """What `Spectrum` finds; f is segment // 2 + 1.
+    """Result of `Spectrum`; f is segment // 2 + 1.
 
     Attributes:
         frequency: (f,), from 0 to at most 1 / (2 interval), in cycles per unit of time.
         density: (f,), in the square of the unit of x per unit of frequency.
         error: (f,), the standard error of the density, from its spread over the bodies; NaN for fewer than two bodies.
-        number: (f,), how many bodies were counted: those with a whole segment.
+        number: (f,), number of bodies counted: bodies with a whole segment.
 
     Examples:
         >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
@@ -39,14 +39,14 @@ class Density(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """What is carried of n bodies from one block of values to the next.
+    """The values carried for n bodies from one block of values to the next.
 
     Attributes:
-        time: (n,), how many values there have been, for all bodies the same.
-        counted: (n,), how many of them count.
+        time: (n,), number of values so far, the same for all bodies.
+        counted: (n,), number of them that count.
         last: (n, m, segment - 1), the last values.
-        high, low: (n, f), the sum of the densities of all segments; the low part is what the high part has rounded
-            away.
+        high, low: (n, f), the sum of the densities of all segments; the low part is the rounding error of the high
+            part.
     """
 
     time: Array
@@ -57,23 +57,24 @@ class Carried(NamedTuple):
 
 
 class Spectrum(Series):
-    """The one-sided density of power over frequency: the mean over bodies and segments of their periodograms.
+    """The one-sided power density over frequency: the mean periodogram over bodies and segments.
 
-    The integral over frequency is the variance. For each array that the observable returns a `Density`; that of a
-    vector is the sum over its components, so observe a dict of numbers to have one for each. The values of a body are
-    cut into segments of `segment` values that overlap; from each its mean is removed, and it is multiplied by the
-    window (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967). The defaults are those of `scipy.signal.welch`.
-    Of a body only segments before its first bad state count, and values behind the last whole segment do not.
+    The integral over frequency is the variance. Returns a `Density` for each array that the observable returns. The
+    density of a vector is the sum over its components; to get a density for each number, observe a dict. The values of
+    a body are cut into overlapping segments of `segment` values. The mean of each segment is removed, and the segment
+    is multiplied by the window (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967). The defaults are the
+    defaults of `scipy.signal.welch`. Only segments before the first bad state of a body count. Values after the last
+    whole segment do not count.
 
-    The error takes bodies as independent, and nothing else: segments of one body may depend on each other as they will.
+    The error assumes independent bodies, and nothing else: segments of one body may be correlated.
 
     Attributes:
         observable: the observable x.
-        segment: how many saved values a segment has, at least 2; frequencies are resolved to about 1 / (segment
+        segment: number of saved values per segment, at least 2; frequencies are resolved to about 1 / (segment
             interval), where the interval between two saved values is save_every * abs(dt).
-        overlap: how many values two segments share; by default half of them.
-        window: (segment,), by which each segment is multiplied: "hann" (the default), "boxcar" for none, or numbers,
-            such as those of `scipy.signal.get_window`.
+        overlap: number of values that two segments share; by default half of them.
+        window: (segment,), the factor of each segment: "hann" (the default), "boxcar" for none, or numbers, for example
+            from `scipy.signal.get_window`.
         detrend: whether the mean of each segment is removed.
 
     Raises:
@@ -131,7 +132,7 @@ class Spectrum(Series):
         k, step = good.shape[1], self.segment - self.overlap
         x = jnp.where(good[..., None], x, 0)
         seen = jnp.concatenate([before.last, jnp.swapaxes(x, 1, 2)], axis=-1)
-        first = before.time[0] - (self.segment - 1)  # the time of the first of these, which may be before the start
+        first = before.time[0] - (self.segment - 1)  # the time of the first of these, possibly before the beginning
         begin = -(-jnp.maximum(first, 0) // step) * step - first  # the first segment that ends here, within `seen`
 
         def add(sums: tuple[Array, Array], begin: Array) -> tuple[tuple[Array, Array], None]:
@@ -153,7 +154,7 @@ class Spectrum(Series):
         window = window / jnp.sqrt(total(window**2))
         amplitude = jnp.fft.rfft(values * window[None, None])
         power = jnp.sum(jnp.real(amplitude) ** 2 + jnp.imag(amplitude) ** 2, axis=1)
-        sides = np.full(self.segment // 2 + 1, 2)  # a frequency stands for its negative, too, if that is another one
+        sides = np.full(self.segment // 2 + 1, 2)  # a frequency also stands for its negative, if they differ
         sides[0] = 1
         sides[-1] = 1 if self.segment % 2 == 0 else 2
         return power * jnp.asarray(sides, power.dtype)[None]

@@ -1,12 +1,12 @@
-"""Means over bodies of which some have more terms than others, and their standard errors.
+"""Means over bodies with different numbers of terms, and their standard errors.
 
-Of body i, s_i is a sum of N_i terms, such as the products x(t) x(t + lag) or the power in the segments of its motion.
-The mean over all terms is C = sum s_i / sum N_i. Bodies are independent and times are not, so the error of C is that of
-a ratio of two sums over bodies: error^2 = n / (n - 1) sum (s_i - C N_i)^2 / (sum N_i)^2 (W. G. Cochran, Sampling
-Techniques, 1977, section 6.4). If all N_i are the same, it is the standard deviation of s_i / N_i over sqrt(n).
+For body i, s_i is a sum of N_i terms, such as the products x(t) x(t + lag) or the power in the segments of its motion.
+The mean over all terms is C = sum s_i / sum N_i. Bodies are independent and times are not, so the error of C is the
+error of a ratio of two sums over bodies: error^2 = n / (n - 1) sum (s_i - C N_i)^2 / (sum N_i)^2 (W. G. Cochran,
+Sampling Techniques, 1977, section 6.4). If all N_i are equal, it is the standard deviation of s_i / N_i over sqrt(n).
 
-Where the mean of x is removed from the products, it is known only when all bodies are. So each group of bodies keeps
-second moments about its own mean, from which those about another mean follow.
+If the mean of x is removed from the products, it is available only after all bodies. Each group of bodies therefore
+keeps second moments about its own mean, from which the moments about another mean follow.
 """
 
 from typing import NamedTuple
@@ -22,18 +22,18 @@ from ..._math.sums import total
 class Sums(NamedTuple):
     """Sums over some bodies, for each of r rows: the lags, or the frequencies.
 
-    Of a body and a row, z = (q, N, a), where q = s - value N, and a (m,) is the sum over the products of both factors;
-    s and a are those of x - mean. Where the mean is not removed m is 0.
+    For a body and a row, z = (q, N, a), where q = s - value N, and a (m,) is the sum over the products of both factors;
+    s and a are sums for x - mean. If the mean is not removed, m is 0.
 
-    Where what is wanted is the value over that of the first row, z = (u, N, a, q0, N0, a0): the last three are those of
-    the first row, and u = q - slope q0 with slope = value N / (value0 N0), of all these bodies. So u is small where the
-    ratio is nearly the same for all bodies, and does not lose its digits.
+    If the result is the value divided by the first row, z = (u, N, a, q0, N0, a0). The last three belong to the first
+    row, and u = q - slope q0 with slope = value N / (value0 N0), of all these bodies. u is therefore small if the ratio
+    is nearly the same for all bodies, and does not lose digits.
 
     Attributes:
-        number: (r,), how many bodies have terms.
-        value: (r,), the mean of all terms; 0 where there is none.
+        number: (r,), number of bodies with terms.
+        value: (r,), the mean of all terms; 0 if there is none.
         mean: (m,), the mean of x over bodies and times.
-        weight: (), the number of values of which that is the mean.
+        weight: (), the number of values in this mean.
         first, second: (r, p) and (r, p, p), the sums of z and of z z^T over the bodies.
     """
 
@@ -51,7 +51,7 @@ def sums_of(s: Array, a: Array, terms: Array, mean: Array, weight: Array, *, rel
     Args:
         s, a, terms: (r, bodies), (r, m, bodies) and (r, bodies); zero for a body that does not count.
         mean, weight: as in `Sums`.
-        relative: whether what is wanted is the value over that of the first row.
+        relative: whether the result is the value divided by the first row.
     """
     terms_of_all = total(terms, -1)
     value = _ratio(total(s, -1), terms_of_all)
@@ -73,10 +73,10 @@ def sums_of(s: Array, a: Array, terms: Array, mean: Array, weight: Array, *, rel
 
 
 def merged_sums(parts: Sums) -> Sums:
-    """The sums of the union of several groups, from theirs stacked along the first axis.
+    """The sums of the union of several groups, from their sums stacked along the first axis.
 
-    They are joined one after the other by the same code, so that groups without bodies at the end, which fill up a
-    mesh, change no bit.
+    They are joined one after the other by the same code. Groups without bodies at the end, which pad a mesh, therefore
+    change no bit.
     """
     none = jax.tree.map(lambda x: jnp.zeros_like(x[0]), parts)
     return jax.lax.scan(lambda sums, part: (_joined(sums, part), None), none, parts)[0]
@@ -94,7 +94,7 @@ def _joined(a: Sums, b: Sums) -> Sums:
 
 
 def _value_about(mean: Array, part: Sums) -> Array:
-    """The value, if it is this mean that is removed."""
+    """The value, for this removed mean."""
     shift, terms = mean - part.mean, part.first[:, 1]
     factors = part.first[:, 2 : 2 + len(shift)]
     return part.value + jnp.where(terms > 0, jnp.sum(shift**2) - _ratio(jnp.sum(shift[None] * factors, -1), terms), 0)
@@ -111,7 +111,7 @@ def _moved(part: Sums, mean: Array, value: Array, slope: Array) -> tuple[Array, 
         return move.at[0, 1].set(squared + change).at[0, 2:].set(-shift).at[2:, 1].set(-2 * shift)
 
     def move_both(own: Array, before: Array, after: Array) -> Array:
-        """The same for z with the first row behind, whose matrix is `of_first`; the slope changes, too."""
+        """The same for z with the first row appended, whose matrix is `of_first`; the slope changes as well."""
         move = jax.scipy.linalg.block_diag(own, of_first)
         return move.at[0, 2 + m].add(before).at[0, 2 + m :].add(-after * of_first[0])
 
@@ -124,14 +124,14 @@ def _moved(part: Sums, mean: Array, value: Array, slope: Array) -> tuple[Array, 
 
 
 def mean_and_error(sums: Sums, *, relative: bool) -> tuple[Array, Array]:
-    """The mean of all terms and its standard error, (r,) each; or, `relative`, divided by that of the first row.
+    """The mean of all terms and its standard error, (r,) each; with `relative`, divided by the first row.
 
-    NaN where no body has terms, and the error where fewer than two have.
+    NaN if no body has terms; the error is NaN for fewer than two bodies.
     """
     scale = sums.value[0] if relative else jnp.ones_like(sums.value[0])
     bodies = sums.number.astype(scale.dtype)
     freedom = jnp.where(bodies > 1, bodies - 1, jnp.nan)
-    square = jnp.maximum(sums.second[:, 0, 0], 0)  # which rounding may make negative where all bodies are alike
+    square = jnp.maximum(sums.second[:, 0, 0], 0)  # rounding may make it negative if all bodies are equal
     if relative:
         square = square.at[0].set(0)  # a ratio of 1 has no error
     error = jnp.sqrt(bodies / freedom * square) / (sums.first[:, 1] * scale)
@@ -143,10 +143,9 @@ def _slope(value: Array, terms: Array) -> Array:
 
 
 def _ratio(a: Array, b: Array) -> Array:
-    """a / b; 0 where b is 0."""
     return jnp.where(b > 0, a / jnp.where(b > 0, b, 1), 0)
 
 
 def _product(a: Array, b: Array) -> Array:
-    """The product of small matrices, added in the same order and in full precision everywhere."""
+    """The product of small matrices, with a fixed order of addition and in full precision."""
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)

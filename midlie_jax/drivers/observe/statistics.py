@@ -1,4 +1,4 @@
-"""`Statistic`, a quantity of all bodies at one time: their mean and covariance, or a histogram."""
+"""`Statistic`: a quantity of all bodies at one time, such as their mean and covariance, or a histogram."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from .observables import Observable, as_observable
 
 
 class Statistic(eqx.Module):
-    """A quantity of all bodies at one time: parts are computed from groups of bodies and then merged.
+    """A quantity of all bodies at one time; parts are computed from groups of bodies and then merged.
 
     Attributes:
         observable: the observable whose values are combined.
@@ -35,9 +35,9 @@ class Statistic(eqx.Module):
 
     @abstractmethod
     def part(self, values: Any, good: Array) -> Any:
-        """The part of a group of bodies, from its values (bodies, ...); bodies that are not `good` do not count.
+        """The part of a group of bodies, from its values (bodies, ...); only `good` bodies count.
 
-        The values, also those of observed integers and booleans, have the dtype of the run or one with more digits.
+        The values have the dtype of the run or one with more digits, even if integers or booleans are observed.
         """
 
     @abstractmethod
@@ -45,22 +45,22 @@ class Statistic(eqx.Module):
         """The part of the union of several groups, from their parts stacked along the first axis."""
 
     def check(self, saves: int | None) -> None:
-        """Raises unless the statistic can be had from this many saved values of a body; None for the end alone."""
+        """Raises if the statistic needs more saved values of a body than this; None for the end alone."""
 
     def parts(self, values: Any, good: Array) -> Any:
-        """What `ensemble` keeps of a group of bodies from their values (bodies, k, ...): here a part for each time."""
+        """The part of a group of bodies that `ensemble` keeps, from values (bodies, k, ...); here one part per time."""
         return jax.vmap(self.part, in_axes=1)(values, good)
 
     def result(self, merged: Any, interval: Array) -> Any:
-        """What `ensemble` returns of the merged parts; `interval` is the time between two saved values."""
+        """The result of `ensemble` from the merged parts; `interval` is the time between two saved values."""
         return merged
 
     def finished(self, merged: Any) -> Any:
-        """What a file holds of the merged parts, a pytree of arrays."""
+        """The content of a file for the merged parts, a pytree of arrays."""
         return merged
 
     def attributes(self) -> dict[str, Any]:
-        """What a file says about the statistic besides its numbers."""
+        """The attributes of the statistic in a file."""
         return {}
 
 
@@ -68,8 +68,8 @@ class Moments(NamedTuple):
     """Mean and covariance of a quantity with m components over the bodies at one time.
 
     Attributes:
-        number: (), how many bodies were counted.
-        mean: (m,); NaN where no body was counted.
+        number: (), number of bodies counted.
+        mean: (m,); NaN if no body was counted.
         scatter: (m, m), the sum of (x - mean) (x - mean)^T over the bodies, from which `covariance` is computed.
 
     Examples:
@@ -93,9 +93,9 @@ class Moments(NamedTuple):
 class Mean(Statistic):
     """Mean and covariance of an observable over the bodies: `Moments` for each array that the observable returns.
 
-    An array is taken as the vector of all its numbers. One value that is not finite makes the mean not finite. Parts
-    are merged by the formulas of Chan, Golub and LeVeque (1983), which do not lose digits where the mean is much larger
-    than the deviations.
+    An array counts as the vector of all its numbers. A value that is not finite makes the mean not finite. Parts are
+    merged by the formulas of Chan, Golub and LeVeque (1983), which do not lose digits if the mean is much larger than
+    the deviations.
 
     Examples:
         >>> body, spins = ml.RigidBody([2.0, 2.0, 1.0]), np.random.default_rng(0).normal(size=(100, 3))
@@ -130,7 +130,7 @@ class Mean(Statistic):
         return _on_moments(of_moments, parts)
 
     def finished(self, merged: Any) -> Any:
-        """Number, mean and covariance; if a single number is observed, mean and variance have no axis (m,)."""
+        """Number, mean and covariance; for a single number, mean and variance have no axis (m,)."""
 
         def of_moments(m: Moments) -> dict[str, Array]:
             single = m.mean.shape[-1] == 1
@@ -145,16 +145,16 @@ def _on_moments(function: Callable[[Moments], Any], tree: Any) -> Any:
 
 
 class Histogram(Statistic):
-    """How many bodies have a value in each bin: an integer array (bins,) for each number that the observable returns.
+    """The number of bodies in each bin: an integer array (bins,) for each number that the observable returns.
 
     A bin contains its lower edge, and the last bin also its upper edge, as in `numpy.histogram`. Values outside all
-    bins are not counted, nor is NaN. Values and edges are compared in the dtype of whichever has more digits.
+    bins and NaN are not counted. Values and edges are compared in the dtype with more digits.
 
     Attributes:
         edges: (bins + 1,), increasing, in the unit of the observable.
 
     Raises:
-        ValueError: edges that are not finite, do not increase, or are fewer than two.
+        ValueError: the edges are not finite, do not increase, or are fewer than two.
 
     Examples:
         >>> heights = ml.observe.Histogram(lambda t, state: state.axis[2], edges=[-1.0, 0.0, 0.5, 1.0])  # an AxisState
@@ -178,12 +178,12 @@ class Histogram(Statistic):
         def of_numbers(x: Array) -> Array:
             x = promoted(x, self.edges.dtype)
             edges = self.edges.astype(x.dtype)
-            # The time of a search and a count hardly depends on the number of bins.
+            # The run time of a search and a count hardly depends on the number of bins.
             place = jnp.searchsorted(edges, x, side="right").astype(jnp.int32) - 1
             place = jnp.where(x == edges[-1], bins - 1, place)
             inside = good & (place >= 0)
             counts = jnp.zeros(bins, jnp.int32)
-            return counts.at[jnp.where(inside, place, bins)].add(1, mode="drop")  # a place behind the bins is dropped
+            return counts.at[jnp.where(inside, place, bins)].add(1, mode="drop")  # a position after the bins is dropped
 
         def of_array(x: Array) -> Array:
             columns = x.reshape(len(good), -1)
@@ -200,6 +200,6 @@ class Histogram(Statistic):
 
 
 def promoted(x: Array, dtype: Any) -> Array:
-    """`x` in this floating-point dtype, or in its own if that has more digits."""
+    """`x` in this floating-point dtype, or in its own if it has more digits."""
     own = jnp.issubdtype(x.dtype, jnp.floating) and x.dtype.itemsize > jnp.dtype(dtype).itemsize
     return x if own else x.astype(dtype)
