@@ -1,4 +1,4 @@
-"""Long runs of many bodies: `simulate` computes a run in parts, writes each part, and resumes after a stop."""
+"""Long runs of many bodies: `simulate` computes a run in parts, writes each part, and can resume."""
 
 from .inspect import Inspection as Inspection
 from .inspect import inspect as inspect

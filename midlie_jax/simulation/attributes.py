@@ -1,4 +1,4 @@
-"""The attributes that a user gives a file: checked before the run, because an error at its end would lose the run."""
+"""The user attributes of a file; they are checked before the run, because a later error would lose the run."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -20,14 +20,14 @@ _READ = "time", "times", "first_bad", "ok", "dt", "t0", "moments", "momenta", "a
 
 
 def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
-    """The attributes as texts, Python numbers, and lists of these.
+    """The attributes as strings, Python numbers, and lists of these.
 
     Args:
         attributes: the argument of `simulate`, or None.
-        taken: the names that the file has already.
+        taken: names of the attributes in the file.
 
     Raises:
-        ValueError: a name that is no text or is taken; a value that is no text, number or list.
+        ValueError: a name is no string or is taken; a value is no string, number or list.
     """
     if attributes is None:
         return {}
@@ -43,11 +43,11 @@ def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
 
 
 def _checked_value(name: str, value: Any) -> Any:
-    """A text, a Python number, or a list of these, of the same value."""
+    """A string, a Python number, or a list of these, of the same value."""
     array, problem = np.empty(0, object), ""
     try:
         array = np.asarray(value)
-    except Exception as error:  # a ragged list, a traced array, or whatever an object of the user raises
+    except Exception as error:  # a ragged list, a traced array, or any error of a user's object
         problem = f" ({type(error).__name__})"
     kind = array.dtype.kind
     if kind not in ("b", "i", "u", "f", "U") or _mixed(value, kind):
@@ -60,14 +60,14 @@ def _checked_value(name: str, value: Any) -> Any:
 
 
 def _mixed(value: Any, kind: str) -> bool:
-    """Whether NumPy has made texts of numbers."""
+    """Whether NumPy has converted numbers to strings."""
     if kind != "U" or isinstance(value, str | np.ndarray | np.generic):
         return False
     return any(_mixed(row, kind) if isinstance(row, list | tuple) else not isinstance(row, str) for row in value)
 
 
 def taken_names(batch: Batch, observe: Observe | None, seen: Any, plan: Plan) -> set[str]:
-    """The names that a file has without the attributes of the user, which may only change the title."""
+    """The names in a file without user attributes, of which users may replace only the title."""
     taken = {*attributes_of(batch, plan), *named(batch.mapped[2]), *seen_variables(seen, observe, plan)}
     if isinstance(observe, Statistic):
         taken.update(names_of_merged(observe, seen, plan, batch.mapped[2].momentum.dtype))

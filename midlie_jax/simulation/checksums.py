@@ -1,4 +1,4 @@
-"""The checksums of all that a run writes: they are stored as well, and compared with those of what is read back."""
+"""The checksums of all written data, which are stored and compared with what is read back."""
 
 import zlib
 from collections.abc import Callable
@@ -8,20 +8,20 @@ import numpy as np
 
 
 def checksum(values: np.ndarray) -> int:
-    if values.dtype.kind not in "biufc":  # texts
+    if values.dtype.kind not in "biufc":  # strings
         return zlib.crc32(repr([str(value) for value in values.ravel()]).encode())
     return zlib.crc32(np.ascontiguousarray(values).data)
 
 
 def sealed(sums: list[int]) -> list[int]:
-    """Checksums followed by their own checksum, which is not zero: so neither zeros nor a torn record are a commit."""
+    """Checksums followed by their own nonzero checksum; neither zeros nor a torn record are a valid commit."""
     return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
 
 
 def found(array: Callable[[], Any], *place: int | slice) -> int | None:
     """The checksum of an array of a store at a place, by default of all of it; None if the array cannot be read.
 
-    The last chunks of an array may reach beyond its end. Nobody reads the filling there, but if a byte of it has
+    The last chunks of an array may extend beyond its end. The padding there is never read, but if a byte of it has
     changed, the file is damaged.
     """
     values = or_none(lambda: _whole_at(array(), place))
@@ -36,7 +36,7 @@ def or_none(read: Callable[[], Any]) -> Any:
 
 
 def _whole_at(array: Any, place: tuple[int | slice, ...]) -> Any:
-    """The values of an array at a place made of whole chunks; None if the filling beyond its end is damaged."""
+    """The values of an array at a place made of whole chunks; None if the padding beyond its end is damaged."""
     ends = tuple(-(-length // size) * size for length, size in zip(array.shape, array.chunks, strict=True))
     if not place or ends == array.shape:
         return array[place or ...]

@@ -1,4 +1,4 @@
-"""What a file says about its run besides the variables of the motion: times, parameters, method, versions."""
+"""The description of a run in its file besides the motion: times, parameters, method, versions."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from .plan import Plan
 from .variables import BODY, TIME, Variable, own_dims
 from .versions import versions
 
-_MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers is written as a variable, not as an attribute
+_MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
 Whole = dict[str, tuple[Variable, np.ndarray]]
 
 
 def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
-    """The attributes of the root: a description, and the parameters that are the same for all bodies."""
+    """The attributes of the root: a description, and the parameters that are equal for all bodies."""
     _, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
     parameters = {
         name: values.tolist()
@@ -45,7 +45,7 @@ def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
 
 
 def whole_variables(batch: Batch, plan: Plan) -> Whole:
-    """The variables that are known before the run: the times, and parameters with many numbers."""
+    """The variables available before the run: the times, and parameters with many numbers."""
     *_, dt, t0 = eqx.combine(batch.mapped, batch.shared)
     indices = plan.begin + plan.save_every * jnp.arange(plan.saves, dtype=jnp.int32)
     if t0.ndim or dt.ndim:

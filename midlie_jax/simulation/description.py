@@ -1,10 +1,10 @@
 """The description of a store: `zarr.json` of its root, which also holds a copy of the description of every array.
 
-The description is sealed by a checksum, because nothing else in the store could tell whether it has changed. The store
-is read by the copies; if the own description of an array is lost or damaged, it is written again from the copy.
+A checksum seals the description, because nothing else in the store can detect a change of it. The store is read by the
+copies. If the own description of an array is lost or damaged, it is written again from the copy.
 
-Attributes of the root that are dicts are written as texts in JSON, because NetCDF has no such attributes, and the
-dataset of a run goes into a NetCDF file as it is.
+Dict attributes of the root are written as JSON strings, because NetCDF has no dict attributes, and the dataset of a run
+can be written to a NetCDF file without change.
 """
 
 import json
@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-ATTRIBUTE = "midlie_jax"  # the attribute of the root that holds what a resumed run needs
+ATTRIBUTE = "midlie_jax"  # the attribute of the root with the data for resuming
 _FOLDED = "parameters", "versions", ATTRIBUTE
 _FILE, _COPIES, _SEAL, _SEALED = "zarr.json", "consolidated_metadata", "seal", "sealed"
 Document = dict[str, Any]
@@ -39,12 +39,12 @@ def read(path: Path) -> Document:
 
 
 def folded(attributes: Document) -> Document:
-    """The attributes with dicts as texts in JSON."""
+    """The attributes with dicts as JSON strings."""
     return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in attributes.items()}
 
 
 def unfolded(attributes: Document) -> Document:
-    """The inverse of `folded`; of a store that an earlier version wrote, the attributes unchanged."""
+    """The inverse of `folded`; the attributes of a store of an earlier version are unchanged."""
     texts = {name: value for name in _FOLDED if isinstance(value := attributes.get(name), str)}
     return {**attributes, **{name: json.loads(value) for name, value in texts.items()}}
 
@@ -58,7 +58,7 @@ def seal(path: Path) -> None:
 
 
 def write(path: Path, document: Document) -> None:
-    """Writes a description with a new seal; at no time is there an incomplete one."""
+    """Writes a description with a new seal atomically."""
     document["attributes"][ATTRIBUTE][_SEAL] = _checksum(document)
     unfinished = path.with_name(f"{path.name}.description-{os.getpid()}")  # in the store it would look like an array
     try:
@@ -74,12 +74,12 @@ def add_copy(path: Path, document: Document, name: str) -> None:
 
 
 def lost(path: Path, document: Document) -> list[str]:
-    """The files with descriptions of arrays and groups that cannot be read or are not like their copies."""
+    """The files with descriptions of arrays and groups that are unreadable or differ from their copies."""
     return [name for name, copy in _copies(document).items() if _found(path / name) != copy]
 
 
 def restore(path: Path, document: Document, names: list[str]) -> None:
-    """Writes the named files again."""
+    """Writes these files again."""
     for name in names:
         file = path / name
         file.parent.mkdir(exist_ok=True)
@@ -92,7 +92,7 @@ def _copies(document: Document) -> dict[str, Document]:
 
 
 def _bare(document: Any) -> Any:
-    """A description without the copies that a group may itself contain."""
+    """A description without the copies that a group may contain."""
     return {k: v for k, v in document.items() if k != _COPIES} if isinstance(document, dict) else document
 
 
@@ -104,7 +104,7 @@ def _found(file: Path) -> Any:
 
 
 def _checksum(document: Document) -> int:
-    """The checksum of all that is sealed."""
+    """The checksum of all sealed data."""
     attributes = document["attributes"]
     own = {name: value for name, value in attributes[ATTRIBUTE].items() if name != _SEAL}
     others = {name: attributes[name] for name in own[_SEALED] if name != ATTRIBUTE}

@@ -1,4 +1,4 @@
-"""What determines the numbers of a run, as text: a run is resumed only if nothing of it has changed."""
+"""The text that identifies a run: a run is resumed only if everything that determines its numbers is unchanged."""
 
 import hashlib
 import os
@@ -17,15 +17,15 @@ from .program import program, unseen
 from .versions import versions
 
 _NUMBERS_SHOWN = 4
-# Flags of XLA that do not change a number: how many devices there are, and how wide the vectors.
+# Flags of XLA that do not change a number: the number of devices, and the vector width.
 _HARMLESS = ("--xla_force_host_platform_device_count", "--xla_cpu_prefer_vector_width", "--xla_dump")
 UNSEEN = "code that is not in the program"
 
 
 def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = None) -> dict[str, str]:
-    """Names and contents of all that determines the numbers of the run; long contents are represented by a hash.
+    """Names and contents of everything that determines the numbers of the run; long contents are hashed.
 
-    The entry `UNSEEN`, if there is one, names what cannot be compared. `given` is the progress from a `Carry`.
+    The entry `UNSEEN`, if present, names what cannot be compared. `given` is the progress from a `Carry`.
     """
     arguments = eqx.combine(batch.mapped, batch.shared)
     body, torque, start, dt, t0 = arguments

@@ -1,4 +1,4 @@
-"""What a store holds: how far its run came, whether anything is damaged, and which bodies failed."""
+"""`inspect`: the progress of a run in a store, its damage, and its failed bodies."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,12 +16,12 @@ class Inspection(NamedTuple):
 
     Attributes:
         path: the folder.
-        attributes: what the store says about the run.
+        attributes: the attributes of the store.
         bodies, saves: the size of the run.
-        done: body-steps that are computed and written.
-        total: body-steps of the whole run.
-        damaged: names of what cannot be read, or is not what was written; empty if all is well.
-        first_bad: see `Simulation`; as far as the run has come.
+        done: number of body-steps that are computed and written.
+        total: number of body-steps of the whole run.
+        damaged: names of data that cannot be read or have changed; empty if there is no damage.
+        first_bad: see `Simulation`; only the computed steps are included.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -57,7 +57,7 @@ class Inspection(NamedTuple):
 
 
 def inspect(path: str | Path) -> Inspection:
-    """Reads all of a store and compares it with the checksums that were written with it.
+    """Reads a whole store and compares it with the stored checksums.
 
     Raises:
         ValueError: the folder is not the store of a run, or its description is damaged.

@@ -1,7 +1,7 @@
 """The incomplete part of a group, stored in one file `checkpoint/begun-GROUP.npz` of a store.
 
-The file exists while a part that takes long is computed, until the part is written. It is always replaced as a whole,
-and holds a checksum of each array, as every .npz does. So it is complete whenever the process is killed.
+The file exists while a long part is computed, until the part is written. It is always replaced as a whole, and holds a
+checksum of each array, like every .npz. It is therefore complete whenever the process is killed.
 """
 
 import os
@@ -23,7 +23,7 @@ class Kept:
         self._folder = folder
 
     def write(self, part: Part, begun: Begun) -> None:
-        """Stores an incomplete part, in place of what was stored of its group before."""
+        """Stores an incomplete part and replaces the previous file of its group."""
         arrays: dict[str, Any] = {"span": part.span, "steps": begun.steps, "first_bad": begun.first_bad}
         arrays |= {f"{_SEEN}{name}": values for name, values in begun.seen.items()}
         arrays |= {f"{_CARRIED}{i}": values for i, values in enumerate(begun.carried)}
@@ -35,7 +35,7 @@ class Kept:
         file.with_suffix(".new").replace(file)
 
     def read(self, part: Part) -> Begun | None:
-        """What is stored of an incomplete part; None if nothing is, or only something of an earlier part.
+        """The stored incomplete part; None if there is none, or only one of an earlier part.
 
         Raises:
             ValueError: the file is damaged.
@@ -54,7 +54,7 @@ class Kept:
             raise ValueError(f"what is kept of {part} is damaged ({type(error).__name__}: {error}).") from error
 
     def remove(self, group: int) -> None:
-        """Removes what is stored of a group's incomplete part."""
+        """Removes the incomplete part of a group."""
         for file in (self._file(group), self._file(group).with_suffix(".new")):
             file.unlink(missing_ok=True)
 

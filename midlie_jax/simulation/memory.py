@@ -33,7 +33,7 @@ class Memory(Sink):
         self._first_bad[self.plan.bodies_of(part.group)] = first_bad
 
     def keep(self, part: Part, begun: Begun) -> None:
-        """Does nothing, because a run in memory that is stopped is lost."""
+        """Does nothing, because a stopped run in memory is lost."""
 
     def first_bad(self) -> np.ndarray:
         return self._first_bad
@@ -42,14 +42,14 @@ class Memory(Sink):
         return self._arrays[name]
 
     def save(self, path: Path, whole: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-        """Writes the file; at no time is there an incomplete file."""
+        """Writes the file atomically."""
         unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
         arrays = {name: values for name, values in self._arrays.items() if name not in self._of_groups}
         described = {name: np.asarray(value) for name, value in attributes.items() if not isinstance(value, dict)}
         shared = {parameter(name): np.asarray(value) for name, value in attributes.get("parameters", {}).items()}
         contents: dict[str, Any] = {**described, **shared, **arrays, **whole, "first_bad": self._first_bad}
         try:
-            with open(unfinished, "wb") as file:  # given a name, NumPy may append ".npz" to it
+            with open(unfinished, "wb") as file:  # for a file name, NumPy may append ".npz"
                 _save(file, contents)
             os.replace(unfinished, path)
         finally:
@@ -57,7 +57,7 @@ class Memory(Sink):
 
 
 def _save(file: IO[bytes], arrays: dict[str, Any]) -> None:
-    """`numpy.savez` for arrays of any names, also those of its own arguments; it never writes a pickle."""
+    """`numpy.savez` for arrays of any names, including the names of its own arguments; it never writes a pickle."""
     with zipfile.ZipFile(file, "w") as archive:
         for name, values in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:

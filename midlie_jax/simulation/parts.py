@@ -29,17 +29,17 @@ from .variables import SERIES, packed, unpacked, value_leaves
 
 
 class Progress(NamedTuple):
-    """How far a group of bodies has come.
+    """The progress of a group of bodies.
 
     Attributes:
-        begun: the progress of its bodies (`methods.base.Progress`) where the part begins, of all rows of the group,
-            including rows that only fill it up.
-        carried: the progress now.
+        begun: the progress of its bodies (`methods.base.Progress`) at the beginning of the part, for all rows of the
+            group, including padding rows.
+        carried: the present progress.
         first_bad: `Simulation.first_bad` of these rows, from the steps taken so far.
-        steps: how many steps of the part are taken.
-        seen: what the part will write, in pieces ordered by time.
-        series: what a statistic over times carries of the bodies of the group, until the part is complete that of the
-            parts before.
+        steps: number of steps of the part taken so far.
+        seen: the values that the part will write, in pieces ordered by time.
+        series: the carry of a statistic over times for the bodies of the group; until the part is complete, the carry
+            of the earlier parts.
     """
 
     begun: Any
@@ -50,7 +50,7 @@ class Progress(NamedTuple):
     series: Any = None
 
     def all_seen(self) -> Arrays:
-        """What the part will write, in one piece."""
+        """The values that the part will write, in one piece."""
         if len(self.seen) == 1:
             return self.seen[0]
         names = self.seen[0] if self.seen else {}
@@ -61,16 +61,16 @@ class Progress(NamedTuple):
         return Progress(self.carried, self.carried, self.first_bad, series=self.series)
 
     def state(self) -> Arrays:
-        """What is stored at the end of the part, from which the next part goes on."""
+        """The state stored at the end of the part, from which the next part continues."""
         return packed(self.carried) | ({} if self.series is None else named({SERIES: self.series}))
 
 
 class Computation(NamedTuple):
-    """A run, and the devices for it.
+    """A run, and its devices.
 
     Attributes:
         batch, observe, plan, mesh: the run.
-        given: the progress of all bodies at the start, from a `Carry`, or None.
+        given: the initial progress of all bodies, from a `Carry`, or None.
     """
 
     batch: Batch
@@ -80,7 +80,7 @@ class Computation(NamedTuple):
     given: Any = None
 
     def begin(self, group: int) -> Progress:
-        """A group at the start of the run."""
+        """A group at the beginning of the run."""
         rows, (method, _, mapped, shared) = self.rows(group), self.batch
         mapped, given = jax.tree.map(lambda x: x[rows], (mapped, self.given))
         found = _begun(method, mapped, given, shared, jnp.int32(self.plan.begin), self.plan.chunk)
@@ -88,7 +88,7 @@ class Computation(NamedTuple):
         return Progress(carried, carried, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
-        """A group at the end of a span, from what was stored there."""
+        """A group at the end of a span, from its stored state."""
         rows, series = self._rows_in(group), self._series(group)
         carried = jax.tree.map(lambda x: x[rows], unpacked(self.like.progress, state))
         if series is not None:
@@ -97,7 +97,7 @@ class Computation(NamedTuple):
         return Progress(carried, carried, first_bad[rows], series=series)
 
     def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
-        """A group in the middle of a part, from its progress before the part and what is stored of the part."""
+        """A group in the middle of a part, from its progress before the part and the stored incomplete part."""
         rows = self._rows_in(group)
         carried = jax.tree.unflatten(jax.tree.structure(before.carried), [x[rows] for x in begun.carried])
         pieces = (begun.seen,) if begun.seen else ()
@@ -111,7 +111,7 @@ class Computation(NamedTuple):
         return eqx.filter_eval_shape(_begun, method, mapped, given, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
 
     def carry(self, groups: dict[int, Progress]) -> Carry | None:
-        """The carry of all bodies at the end of the run; None if other processes have some of them."""
+        """The carry of all bodies at the end of the run; None if other processes hold some of them."""
         plan = self.plan
         if len(groups) < plan.groups:
             return None
@@ -130,7 +130,7 @@ class Computation(NamedTuple):
         plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
         stop = next_stop(before.steps, steps, iteration(self.batch.method, every), every)
         stop = min(stop, plan.steps(part.span))
-        # From NumPy arrays: for arrays on a mesh JAX would compile the program anew.
+        # From NumPy arrays, because for arrays on a mesh JAX would compile the program again.
         begun, first_bad, carried = jax.tree.map(jnp.asarray, (before.begun, before.first_bad, before.carried))
         found = _compute(
             self.batch.method,
@@ -147,7 +147,7 @@ class Computation(NamedTuple):
             Leg(jnp.int32(before.steps), jnp.int32(stop), carried),
         )
         seen, carried, first_bad = jax.tree.map(np.asarray, found)
-        # The state with which a part begins is written by the previous part.
+        # The previous part writes the initial state of a part.
         new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
         combined = isinstance(self.observe, Statistic) and not isinstance(self.observe, Series)
         real = slice(None) if combined else slice(plan.bodies_in(part.group))
@@ -158,18 +158,18 @@ class Computation(NamedTuple):
 
     @property
     def interval(self) -> Array:
-        """The time between two saved states of a run whose bodies have one step, ()."""
+        """The time between two saved states of a run with one step for all bodies, ()."""
         return jnp.asarray(self.batch.shared[3] * self.plan.save_every)
 
     def _series(self, group: int) -> Any:
-        """What a statistic over times carries of a group at the start of the run; None without one."""
+        """The initial carry of a statistic over times for a group; None without such a statistic."""
         if not isinstance(self.observe, Series):
             return None
         carried = self.observe.begun(self.plan.bodies_in(group), value_leaves(self.batch, self.observe))
         return jax.tree.map(np.asarray, carried)
 
     def _with_series(self, part: Part, progress: Progress) -> Progress:
-        """A complete part that will write the statistic over all times up to its end, in place of its values."""
+        """A complete part that writes the statistic over all times up to its end instead of its values."""
         if not isinstance(self.observe, Series):
             return progress
         structure = jax.tree.structure(value_leaves(self.batch, self.observe))
@@ -183,7 +183,7 @@ class Computation(NamedTuple):
         return progress._replace(seen=(named(found),), series=series)
 
     def rows(self, group: int) -> np.ndarray:
-        """The bodies of a group; the last group is filled with copies, so that one compiled program serves all."""
+        """The bodies of a group; the last group is padded with copies, so that one compiled program serves all."""
         first = group * self.plan.group
         return np.minimum(np.arange(first, first + self.plan.group), self.plan.bodies - 1)
 
@@ -194,7 +194,7 @@ class Computation(NamedTuple):
 
 @eqx.filter_jit
 def _combined(observe: Series, carried: Any, values: Any, good: Array) -> tuple[Any, Any]:
-    """The sums (1, 1, ...) of a group over all times up to the end of a span, and what is carried to the next span."""
+    """The sums (1, 1, ...) of a group over all times up to the end of a span, and the carry for the next span."""
     carried = observe.taken(carried, values, good)
     sums = observe.sums(carried, jnp.ones(len(good), bool))
     return jax.tree.map(lambda x: x[None, None], sums), carried
@@ -215,9 +215,9 @@ def _compute(
     tables: Any,
     leg: Leg,
 ) -> tuple[dict[str, Array], Any, Array]:
-    """What a span writes, valid within the leg; the progress at the end of the leg; and `first_bad`.
+    """The values that a span writes, valid within the leg; the progress at the end of the leg; and `first_bad`.
 
-    One program serves all spans and legs, so the results do not depend on where legs begin and end.
+    One program serves all spans and legs, so the results do not depend on the boundaries of legs.
     """
     counted = real & (first_bad == plan.saves)
     every, last = plan.save_every, plan.intervals
@@ -233,7 +233,7 @@ def _compute(
 
 @tuned_jit
 def _begun(method: Method, mapped: Any, given: Any, shared: Any, first: Array, chunk: int) -> Carry:
-    """The carry of bodies at the start of the run."""
+    """The carry of bodies at the beginning of the run."""
 
     def begun(own: Any) -> Carry:
         mapped, given = own

@@ -1,4 +1,4 @@
-"""Computes the parts of a run, one after the other, while a thread writes what was computed before."""
+"""Computes the parts of a run in sequence, while a thread writes the earlier parts."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -12,7 +12,7 @@ from .parts import Computation, Progress
 from .plan import Part
 from .sink import Begun, Sink
 
-_AHEAD = 2  # the most unfinished writes; beyond, the computation waits for the first of them
+_AHEAD = 2  # the most unfinished writes; with more, the computation waits for the first
 
 
 def compute_and_write(
@@ -22,14 +22,14 @@ def compute_and_write(
     sink: Sink,
     written: Callable[[int], Any],
 ) -> None:
-    """Computes and writes the parts in turn; `written` is called in this thread with the body-steps of each write.
+    """Computes and writes the parts in sequence; calls `written` in this thread with the body-steps of each write.
 
-    The progress of a part that takes long is stored repeatedly, see `pace.py`. After an error nothing more is written.
-    After an interruption (ctrl-C) everything that has been computed is written.
+    The progress of a long part is stored repeatedly, see `pace.py`. After an error nothing more is written. After an
+    interruption (ctrl-C) everything computed so far is written.
     """
     plan, pace, stopped = computation.plan, Pace(), False
     waiting: deque[Future[int]] = deque()
-    new: tuple[Part, Progress, int] | None = None  # computed, but not yet given to the writer
+    new: tuple[Part, Progress, int] | None = None  # computed, but not yet passed to the writer
 
     def write(part: Part, progress: Progress, since: int) -> int:
         nonlocal stopped

@@ -1,4 +1,4 @@
-"""How the processes of one run wait for each other, by `jax.distributed`; a single process does not wait."""
+"""Waiting of the processes of one run for each other, by `jax.distributed`; a single process does not wait."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -18,7 +18,7 @@ def wait(name: str) -> None:
 
 
 def all_succeed(work: Callable[[], R]) -> R:
-    """The result of `work`; raises in all processes if it raises in one, so that none waits for another in vain."""
+    """The result of `work`; raises in all processes if it raises in one, so that no process waits forever."""
     if jax.process_count() == 1:
         return work()
     from jax.experimental.multihost_utils import process_allgather
@@ -26,7 +26,7 @@ def all_succeed(work: Callable[[], R]) -> R:
     result, error = None, None
     try:
         result = work()
-    except Exception as caught:  # raised below, after the other processes know
+    except Exception as caught:  # raised below, after the other processes are informed
         error = caught
     failed = np.flatnonzero(process_allgather(np.array(error is not None)))
     if error is not None:

@@ -10,11 +10,11 @@ import jax
 
 @contextmanager
 def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int) -> Generator[Callable[[int], Any]]:
-    """A function to be called with the number of body-steps that were written; the first process shows a bar.
+    """A function that accepts the number of written body-steps; the first process shows a bar.
 
     Args:
         progress: see `simulate`.
-        total, done: all body-steps of this process, and those of them that need not be computed.
+        total, done: number of body-steps of this process, and how many of them need not be computed.
     """
     if callable(progress):
         yield progress

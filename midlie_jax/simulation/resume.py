@@ -1,4 +1,4 @@
-"""Where a run goes on: what a store holds of each group is checked, and damaged parts are computed again."""
+"""Where a run continues: the store of each group is checked, and damaged parts are computed again."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ from .store import Store
 
 
 class Resumed(NamedTuple):
-    """How far the groups of a run have come.
+    """The progress of the groups of a run.
 
     Attributes:
-        spans: for each group, how many spans need not be computed.
-        groups: for each group its progress after these spans, including steps of the next span.
-        repaired: what was damaged, and is computed again or has been written again.
+        spans: for each group, the number of spans that need not be computed.
+        groups: for each group, its progress after these spans, including steps of the next span.
+        repaired: damaged data that are computed or have been written again.
     """
 
     spans: dict[int, int]
@@ -30,15 +30,15 @@ class Resumed(NamedTuple):
 
 
 def begun(computation: Computation, groups: range) -> Resumed:
-    """These groups at the start of the run."""
+    """These groups at the beginning of the run."""
     return Resumed(dict.fromkeys(groups, 0), {group: computation.begin(group) for group in groups}, ())
 
 
 def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
-    """How far these groups have come in a store; commits of damaged parts are taken back.
+    """The progress of these groups in a store; commits of damaged parts are revoked.
 
-    The states at the end of a span are stored for the last two spans only. So a group with an older damaged part is
-    computed from the start of the run.
+    Only the states at the end of the last two spans are stored. A group with an older damaged part is therefore
+    computed from the beginning of the run.
     """
     found = Resumed({}, {}, ())
     for group in groups:
@@ -65,7 +65,7 @@ def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
 
 
 def kept_of(store: Store, part: Part) -> tuple[Begun | None, list[str]]:
-    """What a store holds of the first incomplete part of a group; and its name, if it is damaged."""
+    """The stored first incomplete part of a group, and its name if it is damaged."""
     if part.span == store.plan.spans:
         return None, []
     try:
@@ -75,7 +75,7 @@ def kept_of(store: Store, part: Part) -> tuple[Begun | None, list[str]]:
 
 
 def repair_whole(computation: Computation, store: Store) -> tuple[str, ...]:
-    """Rewrites those damaged variables that no part writes, such as the time; returns their names."""
+    """Rewrites the damaged variables that no part writes, such as the time; returns their names."""
     whole = whole_variables(computation.batch, computation.plan)
     damaged = {name: given for name, given in whole.items() if not store.holds(name, given[1])}
     store.add(damaged)
@@ -83,7 +83,7 @@ def repair_whole(computation: Computation, store: Store) -> tuple[str, ...]:
 
 
 def whole_spans(store: Store, group: int) -> tuple[int, list[str]]:
-    """How many spans of a group are undamaged, with states to go on from; and the names of what is damaged."""
+    """The number of undamaged spans of a group with states to continue from, and the names of damaged data."""
     spans = store.committed(group)
     damaged = store.damage(group)
     if damaged:

@@ -28,11 +28,11 @@ class Saved(NamedTuple):
     """One body of a run in a file.
 
     Attributes:
-        body: what moves.
-        path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted. Its
-            states are those of the run if they have an axis, travel or are coupled; otherwise `RigidState`s.
-        title: what the file says about the run.
-        bodies: how many bodies there are in the file.
+        body: the body.
+        path: the motion computed so far; `first_bad` is the number of states if all can be trusted. The states have the
+            class of the run if they have an axis, translate or are coupled; otherwise they are `RigidState`s.
+        title: the title of the run in the file.
+        bodies: the number of bodies in the file.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -55,12 +55,12 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
 
     Args:
         file: a store .zarr or a file .npz of `simulate`, or a file .npz of `midlie run`.
-        body: which body, from 0; of coupled bodies, which copy of all of them.
+        body: the index of the body, from 0; for coupled bodies, the index of the copy of all of them.
 
     Raises:
-        ValueError: the file is not of such a run, or holds no attitudes (or axes, or places) or no moments of inertia
+        ValueError: the file is not of such a run, or has no attitudes (or axes, or positions) or no moments of inertia
             (or mass); there is no such body.
-        ImportError: a .zarr is given and the extra `io` is not installed.
+        ImportError: the file is a .zarr and the extra `io` is not installed.
         OSError: the file cannot be read.
 
     Examples:
@@ -97,7 +97,7 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     good = int(np.cumprod(finite).sum())
     bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
-    # An incomplete store has no numbers yet where nothing is computed, which is not a failure.
+    # An incomplete store has no numbers where nothing is computed yet, which is not a failure.
     count = good if ok else len(t)
     states = kind.unchecked(**{name: jnp.asarray(value[:count]) for name, value in values.items()})
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
@@ -128,10 +128,10 @@ def _fields(kind: type[Any]) -> list[str]:
 
 
 def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
-    """The known kinds of state by name, including those that users have defined."""
+    """The registered kinds of state by name, including user-defined kinds."""
     found = {kind.__name__: kind}
     for own in kind.__subclasses__():
-        found = _kinds(own) | found  # a class of the same name that was defined later does not take its place
+        found = _kinds(own) | found  # a class of the same name that was defined later does not replace it
     return found
 
 
@@ -144,7 +144,7 @@ def _of_file(source: File) -> Mapping[str, Any]:
 
 
 def _of_store(source: File) -> Mapping[str, Any]:
-    """The arrays of the root, and the parameters that are in its attributes."""
+    """The arrays of the root, and the parameters in its attributes."""
     try:
         import zarr
     except ImportError as error:
@@ -163,7 +163,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
     """The body of states of this kind."""
 
     def found(name: str, axes: int) -> np.ndarray | None:
-        """The parameter of this body, which may be one for each body or one for all."""
+        """The parameter of this body, which may be one per body or one for all."""
         name = parameter(name) if "." in name else name
         if name not in arrays:
             return None

@@ -64,49 +64,49 @@ def simulate(
     progress: bool | Callable[[int], Any] | None = None,
     attributes: dict[str, Any] | None = None,
 ) -> Simulation[StateT]:
-    """Integrates n bodies as `ensemble` does, in parts that fit memory, and writes the path to a file as it goes.
+    """Integrates n bodies like `ensemble`, in parts that fit memory, and writes the path to a file during the run.
 
-    A run that is stopped at any moment, by ctrl-C, a full disk or a lost machine, can be resumed, and ends with the
-    same bits as a run that was never stopped. About half a minute of work is lost at most, unless a single step of a
-    group takes longer. A body that fails leaves the others untouched.
+    A run that is stopped at any moment, by ctrl-C, a full disk or a lost machine, can be resumed. It then ends with the
+    same bits as an uninterrupted run. At most about half a minute of work is lost, unless a single step of a group
+    takes longer. A body that fails does not affect the others.
 
-    With `jax.distributed` every process calls `simulate` with the same arguments. Each computes and writes a share of
-    the groups, on its own devices; `out` must be a folder that all of them see.
+    With `jax.distributed` every process calls `simulate` with the same arguments. Each process computes and writes a
+    share of the groups, on its own devices; `out` must be a folder that all processes can access.
 
     Args:
         method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe: as for `ensemble`; `start` has a
-            leading axis (n,). A run continues another one with the same bits from the carry of that run
-            (`Simulation.carry`); it agrees to rounding if it continues from the last states of that run
-            (`Simulation.states`), with `first_step` the number of steps of that run.
+            leading axis (n,). To continue another run with the same bits, pass its carry (`Simulation.carry`). To
+            continue up to rounding, pass its last states (`Simulation.states`), with its number of steps as
+            `first_step`.
         out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
-            .npz, for a small run that is kept in memory, written at its end, and cannot be resumed.
-        save_every: save a state, or what is observed, every `save_every` steps, and at the start. `None` saves the
-            start and the end alone.
-        resume: go on with the run in `out`, if there is one. Damaged parts of it are found, named in the result, and
+            .npz, for a small run that is held in memory, is written at its end, and cannot be resumed.
+        save_every: save a state, or the observed values, every `save_every` steps, beginning with the initial state.
+            `None` saves only the initial and the final state.
+        resume: continue the run in `out`, if there is one. Damaged parts of it are detected, named in the result, and
             computed again.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
-            each uses those of its own devices that are in the mesh. The numbers do not depend on the mesh.
+            each uses its own devices in the mesh. The numbers do not depend on the mesh.
         group: bodies that are computed at once and written to one chunk of the file; by default up to 32768, or as many
-            as a statistic over times carries 256 MB of.
+            as need 256 MB of carry for a statistic over times.
         span: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
-            take 3e7 body-steps.
-        chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
+            need 3e7 body-steps.
+        chunk: as for `ensemble`: bodies of a group moved at once on one device.
         progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
             that is called after each write with the number of body-steps written.
-        attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers,
-            lists of texts or of numbers, or arrays of NumPy or JAX. Only the name `title` may be one that the file has
-            itself. A resumed run keeps those with which it began.
+        attributes: additional attributes of the file: names with strings, numbers, lists of strings or of numbers, or
+            arrays of NumPy or JAX. Names that the file already has are not allowed, except `title`. A resumed run keeps
+            its first attributes.
 
     Returns:
         A summary with the failures of single bodies: print it, or open the file by its `open()`.
 
     Raises:
         ValueError: as for `ensemble`, or an argument is traced; `out` exists and `resume` is False; the run in `out` is
-            another one, and the message says what has changed; the torque or `observe` calls code outside the compiled
-            program, such as that of `jax.pure_callback`, in which changes cannot be seen; another process writes to
-            `out`; attributes of another kind, or with names that the file has itself.
+            a different one, and the message names the differences; the torque or `observe` calls code outside the
+            compiled program, such as `jax.pure_callback`, in which changes cannot be detected; another process writes
+            to `out`; an attribute has an unsupported value or a name that is taken.
         ImportError: the extra `io` is not installed.
-        OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
+        OSError: a part cannot be written. Data written before are kept, and the run can be resumed.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -134,7 +134,7 @@ def simulate(
         observe.check(1 + steps // save_every)
     seen = seen_leaves(batch, observe)
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
-    if existing is not None:  # a resumed run is cut as before; a request for another cut is refused below
+    if existing is not None:  # a resumed run is divided as before; a request for another division is rejected below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
@@ -201,7 +201,7 @@ def _in_memory(
     """Computes all parts and writes the file.
 
     Returns:
-        `first_bad`, the body-steps computed, what was repaired, and the carry at the end.
+        `first_bad`, the body-steps computed, the repaired data, and the final carry.
     """
     batch, observe, plan, *_ = computation
     sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
@@ -218,7 +218,7 @@ def _in_memory(
 def _in_store(
     computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
 ) -> tuple[np.ndarray, int, Repaired, Carry | None]:
-    """`_in_memory` for a store: this process computes its share of the missing parts."""
+    """`_in_memory` for a store; this process computes its share of the missing parts."""
     batch, observe, plan, *_ = computation
     now, first = identity(batch, observe, plan, computation.given), jax.process_index() == 0
 

@@ -1,4 +1,4 @@
-"""Where the parts of a run are written: a store on disk, or memory."""
+"""The destination of the parts of a run: a store on disk, or memory."""
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -10,11 +10,11 @@ Arrays = dict[str, np.ndarray]
 
 
 class Begun(NamedTuple):
-    """An incomplete part: some of its steps are computed.
+    """An incomplete part; some of its steps are computed.
 
     Attributes:
-        steps: how many.
-        seen: what the part will write, as far as it is computed.
+        steps: number of these steps.
+        seen: the values that the part will write, as far as they are computed.
         carried: the arrays of the progress of its bodies, (bodies, ...).
         first_bad: (bodies,), from the steps taken so far.
     """
@@ -27,13 +27,13 @@ class Begun(NamedTuple):
 
 @runtime_checkable
 class Sink(Protocol):
-    """Takes the parts of a run."""
+    """Receives the parts of a run."""
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
         """Writes a part.
 
         Args:
-            seen: the variables of the part: (bodies, saves, ...), or (1, saves, ...) of a statistic.
+            seen: the variables of the part: (bodies, saves, ...), or (1, saves, ...) for a statistic.
             state: the arrays of the states at the end of the part, (bodies, ...).
             first_bad: (bodies,).
         """

@@ -1,13 +1,12 @@
-"""A run in a Zarr store that xarray opens, and the checks by which a run is resumed from it.
+"""A run in a Zarr store that xarray opens, and the checks before it is resumed.
 
-The root holds what a reader wants: the variables of the run, `time`, `first_bad`, and attributes that describe the run.
-The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
+The root holds the data for readers: the variables of the run, `time`, `first_bad`, and attributes that describe the
+run. The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
 
-The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two spans (in
-one slot for even and one for odd spans), and for each part a commit: the checksums of all that the part wrote. The
-commit is the last thing that is written of a part, in one atomic operation. What a process wrote but did not commit
-before it was killed is written again by the resumed run. For a part that takes long, the group also holds a file with
-its progress (`kept.py`).
+The group `checkpoint` holds the data for resuming: the state of each body at the end of the last two spans (in one slot
+for even and one for odd spans), and a commit per part with the checksums of all data of the part. The commit is written
+last, in one atomic operation. Data that a killed process wrote but did not commit are written again by the resumed run.
+For a long part, the group also holds a file with its progress (`kept.py`).
 """
 
 import os
@@ -37,9 +36,9 @@ class Store(Sink):
 
     Attributes:
         path: the folder.
-        plan: how the run is cut into parts.
+        plan: how the run is divided into parts.
         identity: see `identity.py`.
-        attributes: what the root says about the run, see `describe.py`.
+        attributes: the attributes of the root, see `describe.py`.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False):
@@ -64,10 +63,9 @@ class Store(Sink):
 
     @contextmanager
     def locked(self) -> Generator[None]:
-        """Keeps other processes from writing to the store, until this one ends or leaves the context.
+        """Prevents other processes from writing to the store, until this process ends or leaves the context.
 
-        The operating system releases the lock of a process that is killed; the lock's file is then left, and does no
-        harm.
+        The operating system releases the lock of a killed process; the lock file remains and is harmless.
 
         Raises:
             ValueError: another process holds the lock.
@@ -89,7 +87,7 @@ class Store(Sink):
             lock.release()
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
-        """Writes a part, and commits it."""
+        """Writes a part and commits it."""
         for name, values in seen.items():
             self._arrays[name][self._place(name, part)] = values
         bodies, slot = self.plan.bodies_of(part.group), part.span % 2
@@ -105,7 +103,7 @@ class Store(Sink):
         self._kept.write(part, begun)
 
     def begun(self, part: Part) -> Begun | None:
-        """What is stored of a part that is not committed, if anything is.
+        """The stored part that is not committed, or None.
 
         Raises:
             ValueError: it is damaged.
@@ -113,7 +111,7 @@ class Store(Sink):
         return self._kept.read(part)
 
     def forget_begun(self, group: int) -> None:
-        """Removes what is stored of a group's incomplete part."""
+        """Removes the incomplete part of a group."""
         self._kept.remove(group)
 
     def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
@@ -123,11 +121,11 @@ class Store(Sink):
         return state, self._checkpoint[_FIRST_BAD][slot, bodies]
 
     def committed(self, group: int) -> int:
-        """How many spans of a group are committed without a gap, from the first."""
+        """The number of committed spans of a group without a gap, from the first."""
         return next((s for s in range(self.plan.spans) if not self._sums(Part(s, group))), self.plan.spans)
 
     def damage(self, group: int) -> list[str]:
-        """Names what cannot be read in the committed spans of a group, or has changed since it was written."""
+        """Names the data in the committed spans of a group that are unreadable or have changed."""
         count = self.committed(group)
         later = [s for s in range(count, self.plan.spans) if self._sums(Part(s, group))]
         found = [f"the commit of {Part(count, group)}"] if later else []
@@ -139,7 +137,7 @@ class Store(Sink):
         return found
 
     def torn(self, group: int) -> list[str]:
-        """Names the damaged data of a group that are no reason to give up a committed span."""
+        """Names the damaged data of a group for which no committed span must be discarded."""
         spans, bodies = self.committed(group), self.plan.bodies_of(group)
         found: list[str] = []
         if spans < self.plan.spans:
@@ -175,7 +173,7 @@ class Store(Sink):
         self._commits[part.span, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
 
     def forget(self, group: int, spans: int) -> None:
-        """Takes back the commits of a group after its first `spans` spans."""
+        """Revokes the commits of a group after its first `spans` spans."""
         self._commits[spans:, group] = 0
 
     def first_bad(self) -> np.ndarray:
@@ -199,13 +197,13 @@ class Store(Sink):
         return name in self._root and checksums.found(lambda: self._root[name]) == checksum(values)
 
     def damaged_whole(self) -> list[str]:
-        """Names those variables of the root that no part writes and that have changed since they were written."""
+        """Names the variables of the root that no part writes and that have changed."""
         whole: dict[str, int] = self.attributes[ATTRIBUTE]["whole"]
         found = {name: checksums.found(lambda name=name: self._root[name]) for name in whole}
         return [name for name, expected in whole.items() if found[name] != expected]
 
     def lost_descriptions(self) -> list[str]:
-        """The files with descriptions of arrays that have changed since they were written."""
+        """The files with descriptions of arrays that have changed."""
         return description.lost(self.path, self._described)
 
     def restore(self) -> list[str]:
@@ -260,14 +258,14 @@ def create(
     whole: dict[str, tuple[Variable, np.ndarray]],
     attributes: dict[str, Any],
 ) -> None:
-    """Creates a store without parts; at no time is there an incomplete store.
+    """Creates a store without parts atomically.
 
     Args:
         path: the folder, which must not exist.
         plan, identity: see `Store`.
         seen: the variables that the parts write.
         state: the arrays of the states of all bodies.
-        whole: variables that are known beforehand, such as the time.
+        whole: variables available before the run, such as the time.
         attributes: the attributes of the root.
 
     Raises:
@@ -335,9 +333,9 @@ def _opened(path: Path, mode: Any) -> Any:
 def _create(
     group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0, overwrite: bool = False
 ) -> Any:
-    """An array without compression, because the last digits of a motion's numbers are as good as random.
+    """An array without compression, because the last digits of a motion's numbers are practically random.
 
-    Where nothing is written yet, integers have the value `missing`, and floating-point numbers are NaN.
+    Integers not yet written have the value `missing`, and floating-point numbers are NaN.
     """
     return group.create_array(
         name,

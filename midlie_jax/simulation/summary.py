@@ -1,4 +1,4 @@
-"""`Simulation`, what `simulate` returns; and the statistics of all groups, merged."""
+"""`Simulation`, the result of `simulate`; and the merged statistics of all groups."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,25 +20,25 @@ from .saved import states_of
 from .sink import Sink
 from .variables import TIME, Variable, own_dims
 
-_SHOWN = 5  # failed bodies that are listed
+_SHOWN = 5  # failed bodies in the list
 
 
 class Simulation(NamedTuple, TypedBy[States]):
-    """What `simulate` did; in annotations `Simulation[RigidState]`, a run of these states.
+    """The result of `simulate`; in annotations `Simulation[RigidState]`, a run of these states.
 
     Attributes:
         out: the folder or file.
         bodies, steps: the size of the whole run.
-        saves: the number of saved states of each body, the start included.
+        saves: the number of saved states per body, including the initial one.
         first_bad: (n,), for each body the index of its first saved state that cannot be trusted; `saves` if there is
-            none. The first bad step lies between the previous saved state and this one.
-        computed: how many body-steps this call computed; less than bodies times steps if it resumed a run, or if
-            several processes share it.
-        seconds: how long this call took, compiling included.
-        repaired: what was damaged in the file and has been computed or written again; damaged spare states are only
-            given up.
+            none. The first bad step is between the previous saved state and this one.
+        computed: the number of body-steps computed by this call; less than bodies times steps if it resumed a run, or
+            if several processes share it.
+        seconds: the run time of this call, including compilation.
+        repaired: damaged data of the file that have been computed or written again; damaged spare states are only
+            discarded.
         carry: the `midlie_jax.Carry` of all bodies at the end, from which every driver continues with the same bits;
-            None where other processes have some of the bodies.
+            None if other processes hold some of the bodies.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -70,7 +70,7 @@ class Simulation(NamedTuple, TypedBy[States]):
         """The run as an `xarray.Dataset`, which reads the file as needed; for a .npz file, its arrays.
 
         The method `to_netcdf` of the dataset writes a NetCDF file. The attributes `parameters`, `versions` and
-        `midlie_jax` are texts in JSON, for `json.loads`.
+        `midlie_jax` are JSON strings, for `json.loads`.
         """
         if self.out.suffix == ".npz":
             return np.load(self.out)
@@ -79,12 +79,12 @@ class Simulation(NamedTuple, TypedBy[States]):
         return xarray.open_zarr(self.out)
 
     def states(self) -> States:
-        """The saved states of all bodies, of the class of the start, with leading axes (n, k): all in memory.
+        """The saved states of all bodies, of the class of `start`, with leading axes (n, k), all in memory.
 
         States that cannot be trusted may hold NaN.
 
         Raises:
-            ValueError: the run saved something else by `observe`.
+            ValueError: the run saved other values by `observe`.
         """
         states: Any = states_of(self.out)
         return states
@@ -101,7 +101,7 @@ class Simulation(NamedTuple, TypedBy[States]):
 
 
 def failures(first_bad: np.ndarray, saves: int) -> str:
-    """How many bodies failed, and which, in words."""
+    """The number of failed bodies, and their indices, in words."""
     failed = np.flatnonzero(first_bad < saves)
     if not failed.size:
         return "all bodies ok"
@@ -113,10 +113,10 @@ def failures(first_bad: np.ndarray, saves: int) -> str:
 def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array) -> Whole:
     """The variables (time, ...) of a statistic over all bodies, merged from the parts of the groups in a file.
 
-    Those of a statistic over times have its lags or frequencies instead.
+    A statistic over times has its lags or frequencies instead of times.
 
     Args:
-        seen: the pytree of what a part holds.
+        seen: the pytree of the data of a part.
         interval: the time between two saved states, ().
     """
     of_times = isinstance(observe, Series)
@@ -133,12 +133,12 @@ def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array)
 
 
 def names_of_merged(observe: Statistic, seen: Any, plan: Plan, dtype: Any) -> list[str]:
-    """The names of the variables of `merged_statistic`, without computing them; `dtype` is that of the run."""
+    """The names of the variables of `merged_statistic`, without computing them; `dtype` is the dtype of the run."""
     axes = (plan.groups,) if isinstance(observe, Series) else (plan.groups, plan.saves)
     parts = jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), seen)
     return list(named(eqx.filter_eval_shape(_finished, observe, parts, jax.ShapeDtypeStruct((), dtype))))
 
 
 def _finished(observe: Statistic, parts: Any, interval: Array) -> Any:
-    """What a file holds of the merged parts of all groups, a pytree of arrays."""
+    """The merged parts of all groups as stored in a file, a pytree of arrays."""
     return observe.finished(observe.result(observe.merged(parts), interval))

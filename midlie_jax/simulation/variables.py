@@ -1,4 +1,4 @@
-"""The variables of a file: their dimensions, types, units and frames, for a reader who does not know this package."""
+"""The variables of a file with dimensions, types, units and frames, for readers without this package."""
 
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from .names import named
 from .plan import Plan
 
 BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
-# Under these names a checkpoint holds the progress of each body, and what a statistic over times carries.
+# Under these names a checkpoint holds the progress of each body, and the carry of a statistic over times.
 CARRIED, SERIES = "carried", "series"
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
 
@@ -26,7 +26,7 @@ class Variable(NamedTuple):
         dims: names of its dimensions.
         shape: its whole shape.
         dtype: the dtype of its numbers.
-        attributes: long_name, units and frame where they are known.
+        attributes: long_name, units and frame, if available.
     """
 
     dims: tuple[str, ...]
@@ -36,9 +36,9 @@ class Variable(NamedTuple):
 
 
 def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
-    """What a run writes at one time, as a pytree of shapes and dtypes: for one body, or for a part of a statistic.
+    """The values that a run writes at one time, as shapes and dtypes: for one body, or for a part of a statistic.
 
-    Of a statistic over times, what it writes at the end of a span.
+    For a statistic over times, the values that it writes at the end of a span.
     """
     seen = value_leaves(batch, observe)
     if not isinstance(observe, Statistic):
@@ -54,12 +54,12 @@ def bytes_of(leaves: Any) -> int:
 
 
 def carried_leaves(batch: Batch, observe: Series, bodies: int) -> Any:
-    """What a statistic over times carries of this many bodies, as a pytree of shapes and dtypes."""
+    """The carry of a statistic over times for this many bodies, as a pytree of shapes and dtypes."""
     return eqx.filter_eval_shape(observe.begun, bodies, value_leaves(batch, observe))
 
 
 def value_leaves(batch: Batch, observe: Observe | None) -> Any:
-    """What is observed of one body at one time, as a pytree of shapes and dtypes."""
+    """The observed values of one body at one time, as a pytree of shapes and dtypes."""
     mapped = jax.tree.map(lambda x: x[0], batch.mapped)
     body, torque, start, _, t0 = eqx.combine(mapped, batch.shared)
     return eqx.filter_eval_shape(observe_state, observe, t0, start, body, torque)
@@ -68,7 +68,7 @@ def value_leaves(batch: Batch, observe: Observe | None) -> Any:
 def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
     """The variables that a run writes, by name: (body, time, ...), or for a statistic (group, time, ...).
 
-    For a statistic over times (group, span, ...): what is known of it at the end of each span.
+    For a statistic over times (group, span, ...): its value at the end of each span.
     """
     times = (SPAN, plan.spans) if isinstance(observe, Series) else (TIME, plan.saves)
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
@@ -83,7 +83,7 @@ def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, 
 
 
 def kept_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[str, Variable]:
-    """The variables of a checkpoint: the progress of all bodies, and what their statistic carries.
+    """The variables of a checkpoint: the progress of all bodies, and the carry of a statistic.
 
     Args:
         carried: the progress of some bodies, as a pytree of shapes and dtypes.
@@ -100,7 +100,7 @@ def kept_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[
 
 
 def packed(carried: Any) -> dict[str, Any]:
-    """The arrays (bodies, ...) of a progress as one array (bodies, numbers) for each dtype, by name."""
+    """The arrays (bodies, ...) of a progress as one array (bodies, numbers) per dtype, by name."""
     leaves = jax.tree.leaves(carried)
     numpy = np if all(isinstance(x, np.ndarray) for x in leaves) else jnp
     return {
@@ -110,7 +110,7 @@ def packed(carried: Any) -> dict[str, Any]:
 
 
 def unpacked(like: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """The progress from its arrays as `packed` makes them; `like` has its structure, shapes and dtypes."""
+    """The progress from its arrays as made by `packed`; `like` has its structure, shapes and dtypes."""
     leaves, structure = jax.tree.flatten(like)
     begin = dict.fromkeys(arrays, 0)
     found: list[np.ndarray] = []
@@ -123,5 +123,5 @@ def unpacked(like: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Names for the dimensions of an array about which nothing is known."""
+    """Names for the dimensions of an array without known meaning."""
     return tuple(f"{name}_{i + 1}" for i in range(len(shape)))
