@@ -1,5 +1,5 @@
-"""What makes XLA compile a step to one fast loop; nothing here knows about rigid bodies.
+"""What makes XLA compile a step to one fast loop; independent of rigid bodies.
 
-Read `fusion` first (one loop per step), then `replay` (evaluates a torque written on arrays by operations on scalars).
-Every use of an undocumented part of JAX is in `internals`.
+Read `fusion` first (one loop per step), then `replay` (evaluates a torque on arrays by operations on scalars). All uses
+of undocumented parts of JAX are in `internals`.
 """

@@ -1,8 +1,9 @@
-"""Performs a list of operations so that a function called many times is compiled once.
+"""Performs a list of operations and compiles a function that is called many times only once.
 
-A method of many stages asks many times in a step for the place on an orbit. Its program calls one traced function each
-time, so it holds the same equation once for each call, with other operands. Here these are performed in one, along a
-new axis of calls: XLA would otherwise compile the function, which may have a thousand operations, for every call.
+A method of many stages evaluates the position on an orbit many times per step. Its program calls one traced function
+each time, so it contains the same equation once per call, with other operands. Here these calls are performed in one,
+along a new axis of calls. XLA would otherwise compile the function, which may have a thousand operations, for every
+call.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,8 +33,8 @@ def perform(operations: Sequence[Operation], values: dict[int, Any]) -> Columns:
     """Performs operations and adds their results to the values.
 
     Args:
-        operations: each after those whose results it reads.
-        values: by their numbers, those that the operations read and none of them computes.
+        operations: each after the operations whose results it reads.
+        values: by their numbers, all values that the operations read and none of them computes.
     """
     columns: Columns = {}
     for alike in _in_order(operations):
@@ -47,7 +48,7 @@ def perform(operations: Sequence[Operation], values: dict[int, Any]) -> Columns:
 
 
 def packed(numbers: Sequence[int], values: dict[int, Any], columns: Columns) -> Any:
-    """An array of the scalars with these numbers; whole columns of `perform` are not taken apart."""
+    """An array of the scalars with these numbers; whole columns of `perform` are not split."""
     wanted = set(numbers)
     used = [column for column in columns if wanted.issuperset(column)]
     place = {i: k for k, i in enumerate(i for column in used for i in column)}
@@ -60,9 +61,9 @@ def packed(numbers: Sequence[int], values: dict[int, Any], columns: Columns) -> 
 
 
 def _in_order(operations: Sequence[Operation]) -> Iterator[list[Operation]]:
-    """The operations, each after those whose results it reads.
+    """The operations, each after the operations whose results it reads.
 
-    Those of one equation, and the calls of one function, are together if they can be.
+    Operations of one equation, and calls of one function, are grouped where possible.
     """
     groups: dict[Any, list[Operation]] = {}
     for operation in operations:
@@ -79,7 +80,7 @@ def _in_order(operations: Sequence[Operation]) -> Iterator[list[Operation]]:
         for key, group in list(groups.items()):
             if all(missing.isdisjoint(operation.inputs) for operation in group):
                 yield performed(groups.pop(key))
-        if len(groups) == before:  # calls that wait for each other: one of them goes first
+        if len(groups) == before:  # calls that wait for each other: one of them is first
             key, first = next(
                 (key, one) for key, group in groups.items() for one in group if missing.isdisjoint(one.inputs)
             )
@@ -94,7 +95,7 @@ def _are_of_numbers(operations: Sequence[Operation], values: dict[int, Any]) -> 
 
 
 def _perform_together(operations: Sequence[Operation], values: dict[int, Any], columns: Columns) -> None:
-    """Performs one operation of several calls along an axis of calls; what all calls share has no such axis."""
+    """Performs one operation of several calls along an axis of calls; shared operands have no such axis."""
     operands: list[Any] = []
     axes: list[int | None] = []
     for numbers in zip(*(operation.inputs for operation in operations), strict=True):

@@ -1,19 +1,19 @@
-"""Compiles programs for many bodies on a CPU: with the widest vectors, and with each step as one vectorised loop.
+"""Compiles programs for many bodies on a CPU, with the widest vectors and each step as one vectorised loop.
 
-XLA's CPU compiler has two habits that cost time:
+Two defaults of XLA's CPU compiler increase the run time:
 
-- It uses vectors of 256 bits even where the processor has AVX-512, unless it is told to use more. The width changes no
+- It uses vectors of 256 bits even where the processor has AVX-512, unless an option allows more. The width changes no
   bit of a result.
 - It compiles a short loop of steps as one function ("small while loop hoisting"), without vectors. A run of one body
-  gains by that, because its steps need not be launched one by one. For many bodies a step takes several times as
-  long. From jaxlib 0.12 on, loops over thousands of bodies count as short, too. Results can differ by rounding, because
-  such a function contracts other products and sums (seen with GBS12 in float32).
+  becomes faster, because its steps need not be launched one by one. For many bodies a step takes several times longer.
+  From jaxlib 0.12 on, loops over thousands of bodies count as short as well. Results can differ by rounding, because
+  such a function contracts other products and sums (observed with GBS12 in float32).
 
-Compiler options can be given to the outermost `jax.jit` alone: inside another `jax.jit` or a derivative JAX refuses
-them. There `fusion.begin_step` keeps loops in vectors, which is up to 20 % slower than the option
+Only the outermost `jax.jit` accepts compiler options; inside another `jax.jit` or a derivative JAX raises an error.
+There `fusion.begin_step` keeps loops in vectors, which is up to 20 % slower than the option
 (`benchmarks/compiler_options.py`). The width remains at 256 bits, unless users set `XLA_FLAGS` to
-`--xla_cpu_prefer_vector_width=512` before JAX starts. If XLA_FLAGS names one of these flags, its value holds
-everywhere, and this module leaves that option alone.
+`--xla_cpu_prefer_vector_width=512` before JAX starts. If XLA_FLAGS names one of these flags, its value is used
+everywhere, and this module does not set that option.
 """
 
 import os
@@ -35,8 +35,8 @@ R = TypeVar("R")
 
 _WIDTH = "xla_cpu_prefer_vector_width"
 _LEFT_OUT = "xla_disable_hlo_passes"
-_PROCESSOR = Path("/proc/cpuinfo")  # on Linux; elsewhere no processor is known to have AVX-512
-_MANY = 4  # bodies from which a vectorised step is faster, although its steps are launched one by one
+_PROCESSOR = Path("/proc/cpuinfo")  # on Linux; on other systems AVX-512 is never assumed
+_MANY = 4  # from this number of bodies a vectorised step is faster, although its steps are launched one by one
 
 
 def compiler_options(bodies: int) -> dict[str, Any]:
@@ -48,9 +48,9 @@ def compiler_options(bodies: int) -> dict[str, Any]:
 
 
 def vector_width_options() -> dict[str, Any]:
-    """Only the option for wide vectors, which speeds up other programs, too; the other option may slow them down.
+    """Only the option for wide vectors, which speeds up other programs as well; the other option may slow them down.
 
-    It is empty also if the processor has no AVX-512, and if XLA_FLAGS already sets the width.
+    It is also empty if the processor has no AVX-512, or if XLA_FLAGS already sets the width.
     """
     wide = on_cpu() and _WIDTH not in os.environ.get("XLA_FLAGS", "") and _has_avx512()
     return {_WIDTH: 512} if wide else {}
@@ -70,7 +70,7 @@ def _one(*args: Any, **kwargs: Any) -> int:
 
 
 class _Number:
-    """A Python number among the arguments of a program, equal to numbers of the same type and digits alone."""
+    """A Python number among the arguments of a program; equal only to numbers of the same type and digits."""
 
     def __init__(self, value: Any):
         self.value, self._kind = value, kind_of(value)
@@ -83,12 +83,12 @@ class _Number:
 
 
 def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """`equinox.filter_jit` that distinguishes Python numbers which are equal, such as 0.0 and -0.0, or 1 and True.
+    """`equinox.filter_jit` that distinguishes equal Python numbers, such as 0.0 and -0.0, or 1 and True.
 
-    They can be attributes of a user's torque. `filter_jit` compares with `==`, so that the second of two such torques
-    would get the program of the first.
+    They can be attributes of a user's torque. `filter_jit` compares with `==`, so the second of two such torques would
+    get the program of the first.
     """
-    jit: Any = eqx.filter_jit  # its annotations do not know the options of `jax.jit`
+    jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 
     def marked(leaf: Any) -> Any:
         return _Number(leaf) if isinstance(leaf, int | float | complex) else leaf
@@ -112,14 +112,13 @@ def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
 
 def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Callable[P, R]:
-    """`exact_jit`, with `compiler_options` if the program is outermost; also under `jax.vmap`.
+    """`exact_jit`, with `compiler_options` if the program is outermost, also under `jax.vmap`.
 
-    An outermost call looks for its program by the structure of its arguments and gives it the arrays alone, in a
-    fraction of the time that `exact_jit` takes for this. Inside another `jax.jit`, a derivative or a `jax.shard_map`
-    the options are left out.
+    An outermost call finds its program by the structure of its arguments and passes only the arrays, in a fraction of
+    the time of `exact_jit`. Inside another `jax.jit`, a derivative or a `jax.shard_map` the options are left out.
 
     Args:
-        function: what is compiled.
+        function: the function to compile.
         bodies: returns the number of bodies from the same arguments; the axes of `jax.vmap` are counted in addition.
     """
     plain = exact_jit(function)

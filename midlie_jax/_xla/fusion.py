@@ -1,27 +1,27 @@
 """`fuse` makes XLA's CPU compiler compute all outputs of a step in one loop.
 
 A step has seven or more outputs, and XLA's CPU backend fuses operations for one output at a time. By default XLA emits
-one loop per output, and each of these loops repeats the whole step; with its multi-output option on, it emits a hundred
-small loops that pass intermediate results through memory. The one HLO operation with many outputs that the backend can
-fuse is a reduction of many operands. So `fuse` broadcasts the outputs along a new axis of length two and reduces them
-along this axis by "take the last", which leaves the values unchanged. LLVM recognises that both entries are equal and
-computes only one. The whole step becomes one vectorised loop and compiles several times faster;
+one loop per output, and each of these loops repeats the whole step. With its multi-output option, it emits a hundred
+small loops that pass intermediate results through memory. The only HLO operation with many outputs that the backend can
+fuse is a reduction of many operands. `fuse` therefore broadcasts the outputs along a new axis of length two and reduces
+them along this axis by "take the last", which leaves the values unchanged. LLVM recognises that both entries are equal
+and computes only one. The whole step becomes one vectorised loop and compiles several times faster;
 `tests/test_compiled.py` counts the loops. Leaves that are not arrays of numbers, such as the typed key of a random
-torque, pass unchanged.
+torque, are unchanged.
 
 The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by itself, and the reduction would split the
-step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity.
+step in two (`benchmarks/kernels.py` counts the kernels). On other platforms `fuse` is therefore the identity.
 
 A step, and the body of a loop within it, starts with `begin_step` and ends with `fuse`. `begin` is its counterpart
-outside of loops. `split`, `cut` and `fuse_derivative` divide a step that does not fit one loop; `barrier` is for
-accelerators alone. All use one JAX primitive, which fuses tangents and cotangents as well.
+outside of loops. `split`, `cut` and `fuse_derivative` divide a step that does not fit one loop; `barrier` is only for
+accelerators. All use one JAX primitive, which fuses tangents and cotangents as well.
 
 XLA's CPU compiler compiles a short loop as one function without vectors ("small while loop hoisting"), in which a step
-of many bodies takes several times as long. It leaves alone a loop with an operation that such a function cannot
-hold. So `begin_step` sorts two equal numbers, and flips a bit of the state if they come out in descending order, which
-they never do. The compiler cannot know this. It costs about a tenth of a microsecond per step. For few bodies a
-function without vectors is faster, and there `begin_step` is `begin`. So it is where a compiler option turns the pass
-off (`compiler.py`).
+of many bodies takes several times longer. It does not do so for a loop with an operation that such a function cannot
+contain. `begin_step` therefore sorts two equal numbers, and flips a bit of the state if the result is in descending
+order, which never happens. The compiler cannot infer this. It takes about a tenth of a microsecond per step. For few
+bodies a function without vectors is faster, and `begin_step` is `begin`. The same holds if a compiler option turns the
+pass off (`compiler.py`).
 """
 
 from collections import defaultdict
@@ -38,16 +38,16 @@ from .mesh import axes_of, is_number
 
 T = TypeVar("T")
 
-# What the primitive is used for.
+# Uses of the primitive.
 _BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE, _BARRIER = "begin", "fuse", "split", "cut", "fuse_derivative", "barrier"
 _BEGIN_STEP, _BEGIN_TANGENTS, _FUSE_STEP = "begin_step", "begin_tangents", "fuse_step"
 _NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _BARRIER)  # the uses that reduce nothing on a CPU
 _TANGENTS = {_DERIVATIVE: _SPLIT, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
 _COTANGENTS = {_BEGIN: _FUSE, _BEGIN_TANGENTS: _FUSE_STEP}
 
-# Whether a compiler option already keeps the loops of the program that is being traced in vectors.
+# Whether a compiler option already keeps the loops of the traced program in vectors.
 vectors_by_option: ContextVar[bool] = ContextVar("vectors_by_option", default=False)
-_FEW = 16  # numbers of a leaf: with fewer a loop without vectors is as fast
+_FEW = 16  # numbers of a leaf; with fewer, a loop without vectors is not slower
 
 
 def fuse(tree: T) -> T:
@@ -58,8 +58,8 @@ def fuse(tree: T) -> T:
 def begin(tree: T) -> T:
     """The tree with its values unchanged, at the beginning of a step; the counterpart of `fuse` at its end.
 
-    It compiles to nothing in the step itself. A reverse derivative runs through the step from its end to its beginning:
-    the cotangents that enter at `fuse` are left alone, and those that leave at `begin` are fused.
+    It compiles to nothing in the step itself. A reverse derivative traverses the step from its end to its beginning.
+    Cotangents that enter at `fuse` are unchanged, and cotangents that leave at `begin` are fused.
     """
     return _bind(tree, _BEGIN)
 
@@ -68,18 +68,19 @@ def begin_step(tree: T) -> T:
     """`begin` in the body of a loop, which XLA's CPU compiler then computes in vectors for many bodies.
 
     Args:
-        tree: its last leaf of many floats must be carried by the loop; of a constant the compiler moves the sort out.
+        tree: its last leaf of many floats must be carried by the loop; the compiler would move the sort of a constant
+            out.
     """
     return _bind(tree, _BEGIN if vectors_by_option.get() else _BEGIN_STEP)
 
 
 def split(tree: T) -> T:
-    """`fuse` in the middle of a step: what follows is a loop of its own, also in the derivatives."""
+    """`fuse` in the middle of a step; the rest is a separate loop, also in the derivatives."""
     return _bind(tree, _SPLIT)
 
 
 def cut(tree: T) -> T:
-    """`split` that works on an accelerator as well: what follows is a kernel of its own there.
+    """`split` that works on an accelerator as well; the rest is a separate kernel there.
 
     By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary, each of
     which writes many intermediate results to memory.
@@ -88,7 +89,7 @@ def cut(tree: T) -> T:
 
 
 def fuse_derivative(tree: T) -> T:
-    """`split` in a derivative; in the step itself it compiles to nothing.
+    """`split` in a derivative; it compiles to nothing in the step itself.
 
     The step remains one loop; its derivative, which is several times larger, is split at this place, so that the
     compiler can handle each loop.
@@ -97,15 +98,15 @@ def fuse_derivative(tree: T) -> T:
 
 
 def barrier(tree: T) -> T:
-    """The tree with its values unchanged: what precedes and what follows are not fused on an accelerator."""
+    """The tree with its values unchanged; on an accelerator the code before and after it is not fused."""
     return _bind(tree, _BARRIER)
 
 
 def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
-    """A policy of `jax.checkpoint`: keep the values that a loop ends with, which are in memory, and recompute the rest.
+    """A policy of `jax.checkpoint`: keep the final values of a loop, which are in memory, and recompute the rest.
 
-    So a solve that ends with `split` is not repeated, as it would be without a policy. Without a checkpoint, each
-    intermediate result that the derivative reads would be an output of its loop, which would then be divided.
+    A solve that ends with `split` is therefore not repeated, as it would be without a policy. Without a checkpoint,
+    each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
     del types
     return primitive is _fuse and parameters["use"] not in _NOTHING
@@ -145,7 +146,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
 
 
 def _kept_in_vectors(leaves: list[Array]) -> list[Array]:
-    """The leaves, the last of many floats with a sort in its way."""
+    """The leaves, with a sort in the last leaf of many floats."""
     large = [i for i, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating) and x.size >= _FEW]
     if not large:
         return leaves

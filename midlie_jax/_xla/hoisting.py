@@ -1,12 +1,12 @@
-"""Takes out of a loop over steps the computations that depend on the step alone, and not on the moving state.
+"""Moves computations that depend on the step alone, and not on the moving state, out of a loop over steps.
 
-The place of a satellite on its orbit is the same for all bodies of an ensemble, but XLA computes it anew in every
-chunk of bodies. `hoist` splits the traced function of a step in two. `prepare` computes, from the index of the step and
-from what all bodies share, the values that are expensive and change from step to step. `rest` is the step that takes
-these values as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one
-body. A loop within the step is split in the same way, and its values get an axis of iterations.
+The position of a satellite on its orbit is the same for all bodies of an ensemble, but XLA recomputes it in every chunk
+of bodies. `hoist` splits the traced function of a step in two. `prepare` computes the values that are expensive and
+change from step to step, from the index of the step and from shared inputs. `rest` is the step that accepts these
+values as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one body. A
+loop within the step is split in the same way, and its values get an axis of iterations.
 
-What the step asks for many times is prepared in one (`calls.py`).
+Repeated evaluations within a step are prepared in one (`calls.py`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -
 
     Args:
         closed: the function.
-        known: for each input, whether it is known when values are prepared.
+        known: for each input, whether it is available when values are prepared.
         varying: for each input, whether it changes from step to step.
     """
     if closed.effects:
@@ -36,7 +36,7 @@ def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -
 
 
 def _is_slow(equation: Any) -> bool:
-    """Whether an operation takes much longer than an addition. XLA repeats a sine or cosine all the same."""
+    """Whether an operation takes much longer than an addition; XLA repeats a sine or cosine nevertheless."""
     body = body_of(equation)
     if body is not None:
         return any(map(_is_slow, body.jaxpr.eqns))
@@ -44,7 +44,7 @@ def _is_slow(equation: Any) -> bool:
 
 
 def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bool, bool]:
-    """What depends on the marked inputs of a traced function.
+    """Dependence on the marked inputs of a traced function.
 
     Returns:
         For each output, whether it depends on them; whether an operation that XLA counts as expensive does; whether a
@@ -74,7 +74,7 @@ class Hoisted:
 
     Attributes:
         prepared: the numbers of the prepared values.
-        loops: the splits of the loops that have prepared values of their own, by the position of the operation.
+        loops: the splits of loops with their own prepared values, by the position of the operation.
     """
 
     def __init__(self, closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]):
@@ -93,7 +93,7 @@ class Hoisted:
         types = {
             o: atom.aval for op in self._operations for o, atom in zip(op.outputs, op.equation.outvars, strict=True)
         }
-        # Scalars of one type are stored in one array, so that the step reads one array and not one per scalar.
+        # Scalars of one type are stored in one array, so that the step reads one array instead of one per scalar.
         self._groups: dict[Any, list[int]] = {}
         for i in self.prepared:
             self._groups.setdefault(i if types[i].shape else types[i].dtype, []).append(i)
@@ -118,7 +118,7 @@ class Hoisted:
     def _flatten(self, closed: ClosedJaxpr, inputs: Iterable[int]) -> list[int]:
         """Lists and classifies the operations, and returns the outputs.
 
-        Those of a plain `jit` call stand in place of the call, unless all its operands are known.
+        The operations of a plain `jit` call replace the call, unless all its operands are known.
         """
         numbers = dict(zip(closed.jaxpr.invars, inputs, strict=True))
         numbers |= {
@@ -174,7 +174,7 @@ class Hoisted:
         return [] if all(self._prepares[o] for o in operation.outputs) else operation.inputs
 
     def prepare(self, *inputs: Any) -> list[Any]:
-        """The prepared values; any value will do for an input that is not known."""
+        """The prepared values; an unknown input may have any value."""
         needed = set(self.prepared)
         for position in self.loops:
             needed.update(i for i in self._operations[position].inputs if self._known[i])

@@ -1,4 +1,4 @@
-"""All that this package uses of the parts of JAX that have no stable documented interface.
+"""All uses of parts of JAX without a stable documented interface.
 
 Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0. `tests/test_structure.py` checks that no other file imports from
 `jax.core`, `jax.extend` or `jax.interpreters`. The rules of `rules.py` also rely on the names and parameters of JAX's
@@ -18,13 +18,13 @@ from jax.extend.core import take_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
 
 if TYPE_CHECKING:
-    ClosedJaxpr = Any  # its type cannot be imported from a public module since jax 0.12
+    ClosedJaxpr = Any  # its type has no public import since jax 0.12
 else:
     from jax.extend.core import ClosedJaxpr as ClosedJaxpr
 
 
 def varying_axes(kind: Any) -> frozenset[str]:
-    """The mesh axes along which values of a JAX type vary (`jax.shard_map`); none for anything else."""
+    """The mesh axes along which values of a JAX type vary (`jax.shard_map`); none for other types."""
     return kind.mat.varying if hasattr(kind, "mat") else frozenset()
 
 
@@ -41,7 +41,8 @@ def bodies_at_once() -> int:
 def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
     """The program of a function, from a new trace.
 
-    By itself JAX looks for an earlier trace of the same function; if the function is a pytree, it would compare arrays.
+    By default JAX looks for an earlier trace of the same function; if the function is a pytree, it would compare
+    arrays.
     """
     return jax.make_jaxpr(lambda *given: function(*given))(*arguments)
 
@@ -60,7 +61,7 @@ def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
 
 
 def loop_counts(equation: Any) -> tuple[int, int] | None:
-    """How many operands of a `scan` are constants and how many are carried; None if its parameters are not known."""
+    """The numbers of constant and of carried operands of a `scan`; None if its parameters are not known."""
     parameters = equation.params
     if "num_consts" in parameters:
         return parameters["num_consts"], parameters["num_carry"]
@@ -93,7 +94,7 @@ def make_primitive(
     """A primitive with many outputs, by default of the types of its inputs.
 
     Args:
-        name: its name.
+        name: the name of the primitive.
         default, on_cpu: functions of the inputs that compute the outputs, on other platforms and on CPUs.
         jvp, transpose, batch: rules, in the form that JAX expects.
         outputs: the types of the outputs, from the list of the types of the inputs and the parameters.
@@ -113,10 +114,10 @@ def make_primitive(
 def make_predicate(
     name: str, *, default: Callable[..., Array], on_cpu: Callable[..., Array]
 ) -> Callable[[Array], Array]:
-    """A primitive of one number whose result is one boolean, also under `jax.vmap`: there, whether any row has it.
+    """A primitive of one number with one boolean result; under `jax.vmap`, whether it holds in any row.
 
     Args:
-        name: its name.
+        name: the name of the primitive.
         default, on_cpu: functions of the number, on other platforms and on CPUs.
     """
     primitive = Primitive(name)

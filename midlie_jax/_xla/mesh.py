@@ -2,9 +2,9 @@
 
 Inside `jax.shard_map` a value may differ between devices along some axes of the mesh; JAX makes these axes part of the
 value's type. JAX's own functions promote their operands to a common set of axes. The carry of a loop, a primitive that
-is bound directly and this package's own primitives must be promoted by hand, with the functions of this module. A
-promotion costs nothing, but its transpose is a sum over devices. So a run promotes all its arguments before its loop,
-and the loop contains no such sum.
+is bound directly and this package's own primitives must be promoted explicitly, with the functions of this module. A
+promotion takes no time, but its transpose is a sum over devices. A run therefore promotes all its arguments before its
+loop, and the loop contains no such sum.
 """
 
 from typing import Any
@@ -22,18 +22,18 @@ _ARRAYS = (Array, np.ndarray, np.generic)
 
 
 def is_number(kind: Any) -> bool:
-    """Whether values of this type are numbers or booleans; the typed keys of `jax.random` are not."""
+    """Whether values of this type are numbers or booleans; typed keys of `jax.random` are not."""
     return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
 
 
 def axes_of(*values: Any) -> Axes:
-    """The axes along which any of the values varies: arrays or types of arrays. Other values vary along none."""
+    """The axes along which any of the values, arrays or their types, varies; other values vary along none."""
     types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
     return NONE.union(*map(varying_axes, types))
 
 
 def promoted(value: Any, axes: Axes) -> Any:
-    """The number or array, promoted so that it varies along these axes, too."""
+    """The number or array, promoted to vary along these axes as well."""
     missing = axes - axes_of(value)
     return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
 
@@ -44,7 +44,7 @@ def all_promoted(tree: Any, axes: Axes) -> Any:
 
 
 def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
-    """The axes along which any array used by a run varies: its arguments, and arrays that its functions close over.
+    """The axes along which any array used by a run varies, including arrays that its functions close over.
 
     Args:
         arguments: a pytree.

@@ -1,9 +1,9 @@
 """NumPy versions of the JAX primitives that only move entries of arrays, such as reshape and concatenate.
 
-`replay.py` represents an array by the places of its entries in a pool of scalars: an integer array of list indices. A
-move is called with the places of its operands, the parameters of the primitive and the shape of its (first) result. It
-returns the places of the result, or a list of them for several results. The tables at the end list, for each move, the
-parameters that it reads.
+`replay.py` represents an array by the positions of its entries in a pool of scalars, an integer array of list indices.
+A move is called with the positions of its operands, the parameters of the primitive and the shape of its (first)
+result. It returns the positions of the result, or a list of them for several results. The tables at the end list the
+parameters that each move reads.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-Places = np.ndarray  # integers: where in the pool the entries of an array are
+Places = np.ndarray  # integers: the positions of the entries of an array in the pool
 Shape = tuple[int, ...]
 
 

@@ -1,10 +1,10 @@
-"""Derivatives with respect to values that all rows of a batch share, summed over the rows once and not in every step.
+"""Derivatives with respect to values shared by all rows of a batch, summed over the rows only once.
 
-Under `jax.vmap`, a loop over steps reads a shared weight as one number. So its reverse derivative sums the cotangents
-of all rows in every step, in a pass over the batch of its own, for which XLA repeats much of the step: such a gradient
-takes twice as long as that of a weight for each row. Here the loop still reads one number, but its tangent comes from a
-copy of the weight with one entry for each row, which only the derivative reads. So the loop adds up cotangents row by
-row, and the sum over the rows stands where the copy was made, before the loop.
+Under `jax.vmap`, a loop over steps reads a shared weight as one number. Its reverse derivative then sums the cotangents
+of all rows in every step, in a separate pass over the batch, for which XLA repeats much of the step. Such a gradient
+takes 2 times longer than the gradient of a weight per row. Here the loop still reads one number, but its tangent comes
+from a copy of the weight with one entry per row, which only the derivative reads. The loop then adds up cotangents row
+by row, and the sum over the rows is taken where the copy was made, before the loop.
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ def in_rows(arrays: Sequence[Array], like: Sequence[Array]) -> list[Array]:
 
 
 def with_tangents_of(copies: Sequence[Array], arrays: Sequence[Array]) -> list[Array]:
-    """The arrays with their values unchanged; their derivatives are those of the copies, which are not read."""
+    """The arrays with their values unchanged; derivatives are taken with respect to the copies, which are not read."""
     return _with_tangents.bind(*arrays, *copies) if arrays else []
 
 
 def _batched(values: Sequence[Array], axes: Sequence[int | None]) -> list[Array]:
-    """The values with the axis of rows first, repeated where they have none."""
+    """The values with the axis of rows first, repeated if they have none."""
     pairs = list(zip(values, axes, strict=True))
     size = next(value.shape[axis] for value, axis in pairs if axis is not None)
     return [jnp.broadcast_to(v, (size, *v.shape)) if a is None else jnp.moveaxis(v, a, 0) for v, a in pairs]

@@ -1,8 +1,8 @@
-"""`repeat`: applies a step to each body of a batch as often as that body needs.
+"""`repeat`: applies a step to each body of a batch, with a number of repetitions per body.
 
 A loop of fixed length would take the largest number of steps that any body can need. A loop that ends with the last
-body of the batch has no reverse derivative. So values come from the second loop and derivatives from the first. In
-both, a body that has taken its steps stays as it is, so they give the same values.
+body of the batch has no reverse derivative. Values therefore come from the second loop and derivatives from the first.
+In both, a body that has taken its steps does not change, so both give the same values.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ def repeat(step: Step, most: int, constants: Any, carry: Any, count: Array) -> A
 
     Args:
         step: a function that closes over no arrays. It is compiled to one loop over the bodies.
-        most: the largest count; a derivative makes as many steps.
+        most: the largest count; a derivative takes this number of steps.
         constants, carry: pytrees of scalars.
         count: (), of integers.
     """
@@ -49,7 +49,7 @@ def _repeat_jvp(step: Step, most: int, primals: Any, tangents: Any) -> tuple[Any
 
 
 def _again(step: Step, constants: Any, carry: Any, needed: Array) -> Any:
-    """The carry after one more step, if that is needed; otherwise the carry itself."""
+    """The carry after one more step if needed; otherwise the carry itself."""
     constants, carry = begin_step((constants, carry))
     return fuse(jax.tree.map(lambda new, old: jnp.where(needed, new, old), step(constants, carry), carry))
 

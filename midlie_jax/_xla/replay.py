@@ -1,16 +1,16 @@
-"""Evaluates a function written on small arrays entry by entry, so that it fuses into a step written on scalars.
+"""Evaluates a function of small arrays entry by entry, so that it fuses into a step on scalars.
 
-A user's torque is written on (3,) and (4,) arrays: stacks, slices, cross products, small matrix products, perhaps
-the gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
-nested stacks multiply the cost: a torque of ten lines can run a thousand times slower than it should, or never finish
-compiling. So the function is traced once, and its operations are replayed on scalars: moving entries costs nothing, and
-matrix products become sums of products of scalars. Operations without a rule (loops, solvers, large tables) are
-executed on arrays. So is a whole function that would need too many scalars, such as a neural network; its loops are
-separate from that of the step.
+A user's torque is written for (3,) and (4,) arrays: stacks, slices, cross products, small matrix products, perhaps the
+gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
+nested stacks multiply the run time. A torque of ten lines can run a thousand times slower than necessary, or never
+finish compiling. The function is therefore traced once, and its operations are replayed on scalars. Moving entries
+takes no time, and matrix products become sums of products of scalars. Operations without a rule (loops, solvers, large
+tables) are executed on arrays. The same holds for a whole function that would need too many scalars, such as a neural
+network; its loops are separate from the loop of the step.
 
-During the replay an array is represented by the places of its entries in a pool of scalars: an integer array of list
-indices. Operations that move entries become NumPy indexing of the places; only arithmetic adds scalars to the pool. The
-rules for single operations are in `rules.py`.
+During the replay an array is represented by the positions of its entries in a pool of scalars, an integer array of list
+indices. Operations that move entries become NumPy indexing of the positions; only arithmetic adds scalars to the pool.
+The rules for single operations are in `rules.py`.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,20 +37,19 @@ from .rules import (
 )
 
 # Pairs (operations, ratio). A function is evaluated on arrays if, for one pair, it has more operations on scalars than
-# the first number and more of them per operation on arrays than the second.
+# the first number, and more of them per operation on arrays than the second.
 _ON_ARRAYS = ((100, 2.5), (30, 4.0))
 
 
 class Traits(NamedTuple):
-    """Properties of a function that its trace shows.
+    """Properties of a function, from its trace.
 
     Attributes:
         costly: whether it contains an operation that XLA treats as expensive or that has no rule.
-        operations: how many operations it has; an operation on arrays counts as one.
-        scalars: how many operations on scalars replay it.
-        on_scalars: whether all of it can be replayed on scalars.
-        reads: the arguments, with True in place of each leaf on which the result depends and False in place of the
-            others.
+        operations: number of operations; an operation on arrays counts as one.
+        scalars: number of operations on scalars in its replay.
+        on_scalars: whether it can be replayed completely on scalars.
+        reads: the arguments, with True for each leaf on which the result depends and False for the others.
     """
 
     costly: bool
@@ -70,21 +69,21 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
 
 
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
-    """Whether a function is evaluated on arrays: many operations on scalars come from few on arrays, as in a network.
+    """Whether a function is evaluated on arrays: few operations on arrays give many on scalars, as in a network.
 
     The limits come from `benchmarks/networks.py`. The reverse derivative of 1000 bodies under a network of width 2,
     with 47 operations on scalars and a ratio of 6 per operation on arrays, took 10 s to compile on scalars and 5 s on
-    arrays; with width 1 and 23 operations, both took equally long. Torques of the scenes have ratios of 1 to 1.3, and a
+    arrays. With width 1 and 23 operations, both took equally long. Torques of the scenes have ratios of 1 to 1.3, and a
     formula with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has a ratio of up to 3, so it
-    stays on scalars unless it is long. A long formula written entry by entry stays, too, because on arrays XLA would
-    evaluate nested stacks many times over.
+    stays on scalars unless it is long. A long formula written entry by entry stays as well, because on arrays XLA would
+    evaluate nested stacks many times.
     """
     scalars, arrays = count_scalar_operations(closed)
     return any(scalars > least and scalars > entries * arrays for least, entries in _ON_ARRAYS)
 
 
 def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:
-    """The result of a function that is evaluated on arrays, in loops of its own; each array is given by its entries.
+    """The result of a function evaluated on arrays, in separate loops; each array is given by its entries.
 
     Its loops begin and end with scalars: a loop that ended with an array would repeat all earlier work for each entry.
     """
@@ -106,7 +105,7 @@ class Packed(NamedTuple):
 
 
 class _Entries(NamedTuple):
-    """A small array represented by the places of its entries in the pool."""
+    """A small array represented by the positions of its entries in the pool."""
 
     places: np.ndarray
 
@@ -117,7 +116,7 @@ def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: boo
     Args:
         function: returns a pytree of arrays.
         arguments: pytrees of scalars and `Packed` vectors; the function receives the latter as arrays.
-        on_scalars: whether it is evaluated on scalars however many these are.
+        on_scalars: whether it is evaluated on scalars, for any number of them.
 
     Returns:
         The result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
@@ -149,12 +148,12 @@ def _to_entries(pool: Pool, value: Any) -> _Entries:
 
 
 def _to_entries_if_small(pool: Pool, value: Any) -> Any:
-    """A small array of numbers split into its entries; any other value unchanged."""
+    """A small array of numbers split into its entries; other values are unchanged."""
     return _to_entries(pool, value) if fits(jax.typeof(value)) else value
 
 
 def _to_array(pool: Pool, value: Any, aval: Any) -> Any:
-    """The inverse of `_to_entries_if_small`: the array of type `aval`, for an operation that has no rule."""
+    """The inverse of `_to_entries_if_small`: the array of type `aval`, for an operation without a rule."""
     if isinstance(value, _Entries):
         scalars = [jnp.asarray(scalar, aval.dtype) for scalar in pool.at(value.places)]
         if not aval.shape:
@@ -165,7 +164,7 @@ def _to_array(pool: Pool, value: Any, aval: Any) -> Any:
 
 
 def _replay(pool: Pool, closed: ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
-    """The outputs of a traced function; inputs and outputs are `_Entries`, or arrays where they are not small."""
+    """The outputs of a traced function; inputs and outputs are `_Entries`, or arrays if they are not small."""
     jaxpr = closed.jaxpr
     environment: dict[Any, Any] = {}
 

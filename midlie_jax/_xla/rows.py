@@ -1,10 +1,10 @@
-"""`sum_over_rows`: a sum over the rows of a table within a step, such as that of forces on the facets of a surface.
+"""`sum_over_rows`: a sum over the rows of a table within a step, for example of forces on facets.
 
-Written on arrays, (rows, bodies) numbers would pass through memory. As one reduction of many operands, XLA's CPU
-compiler computes body after body without vectors: 1000 rows of 10,000 bodies took 11 ms in both dtypes. A loop whose
-turn adds a block of rows, written out on scalars, is a vectorised loop over the bodies; with 4, 8, 16 and 32 rows in a
-block it took 7.4, 6.2, 5.4 and 5.2 ms in float64 and half of that in float32, where C takes 4.3 ms. The time to compile
-grows with the block. A whole step beside C: `benchmarks/surfaces.py`.
+On arrays, (rows, bodies) numbers would pass through memory. For one reduction of many operands, XLA's CPU compiler
+computes body after body without vectors: 1000 rows of 10,000 bodies took 11 ms in both dtypes. A loop that adds a block
+of rows per iteration, written out on scalars, is vectorised over the bodies. With 4, 8, 16 and 32 rows in a block it
+took 7.4, 6.2, 5.4 and 5.2 ms in float64 and half of this time in float32, where C takes 4.3 ms. The compilation time
+grows with the block. `benchmarks/surfaces.py` compares a whole step with C.
 """
 
 import operator
@@ -26,21 +26,23 @@ BLOCK = 16  # rows that are written out
 def sum_over_rows(term: Callable[[Any, Any], Any], columns: Sequence[Array], argument: Any) -> Any:
     """The sum over rows of `term(row, argument)`.
 
-    A reverse derivative computes the terms anew and keeps none.
+    A reverse derivative recomputes the terms and stores none.
 
     Args:
-        term: returns a pytree of scalars. For a row of zeros, with which the table is filled up, it is zero, and so is
-            its derivative.
-        columns: of the table, (n,) each. Up to 16 rows are written out, and become part of the loop around them.
+        term: returns a pytree of scalars. For a row of zeros, which pads the table, it is zero, and so is its
+            derivative.
+        columns: the columns of the table, (n,) each. Up to 16 rows are written out, and become part of the surrounding
+            loop.
         argument: a pytree of scalars.
     """
     n = columns[0].shape[0]
     if n <= BLOCK:
         return _sum([term(tuple(column[k] for column in columns), argument) for k in range(n)])
-    # One table, so that no part of it is as small as the arrays that a torque is split into (`replay.py`).
+    # One table, so that no part of it is small enough to be split like the arrays of a torque (`replay.py`).
     table = jnp.stack(columns, axis=1)
     blocks = jnp.pad(table, ((0, -n % BLOCK), (0, 0))).reshape(-1, BLOCK, len(columns))
-    # What the term closes over, such as the parameters of a law, becomes an argument: `_block` has its own derivative.
+    # Closed-over values of the term, such as the parameters of a law, become an argument, because `_block` has its own
+    # derivative.
     converted, closed_over = jax.closure_convert(term, tuple(column[0] for column in columns), argument)
     function = _Term(converted)
     argument = argument, closed_over
@@ -74,7 +76,7 @@ def _block(term: _Term, rows: Array, argument: Any) -> Any:
 
 
 def _block_tangent(term: _Term, primals: Any, tangents: Any) -> tuple[Any, Any]:
-    """With respect to the rows on arrays: on scalars, a reverse derivative would be a sum over the bodies for each."""
+    """With respect to the rows on arrays; on scalars, a reverse derivative would be one sum over the bodies per row."""
     (rows, argument), (d_rows, d_argument) = primals, tangents
     value, change = _tangent(lambda a: _written_out(term, rows, a), argument, d_argument)
     if not isinstance(d_rows, SymbolicZero):
@@ -96,7 +98,7 @@ def _on_arrays(term: _Term, rows: Array, argument: Any) -> Any:
 
 
 def _tangent(function: Callable[[Any], Any], x: Any, tangent: Any) -> tuple[Any, Any]:
-    """The value, and its tangent; None if that of the argument is zero."""
+    """The value and its tangent; None if the tangent of the argument is zero."""
     leaves, structure = jax.tree.flatten(x)
     tangents = structure.flatten_up_to(tangent)
     if all(isinstance(leaf, SymbolicZero) for leaf in tangents):

@@ -1,8 +1,8 @@
-"""The rules by which `replay.py` computes single operations on scalars: one rule for each JAX primitive it knows.
+"""The rules by which `replay.py` computes single operations on scalars, one rule per JAX primitive.
 
-A rule lists the parameters of its primitive that it understands, and the values that it understands. An operation with
-any other parameter or value is executed on arrays instead, so a parameter that a later version of JAX adds is never
-ignored. Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
+A rule lists the parameters of its primitive and their supported values. An operation with any other parameter or value
+is executed on arrays instead, so a parameter added by a later version of JAX is never ignored. Tested with JAX 0.10.0,
+0.10.1, 0.11.2 and 0.12.0.
 
 A rule gives the same result as its primitive, except for the sign of a zero (which XLA does not preserve either) and
 the order in which the terms of a sum are added.
@@ -28,23 +28,23 @@ Parameters = Mapping[str, Any]
 
 
 class Pool:
-    """The scalars of a replay. An array is represented by its places: an integer array of indices into `scalars`."""
+    """The scalars of a replay; an array is represented by positions, an integer array of indices into `scalars`."""
 
     def __init__(self) -> None:
         self.scalars: list[Any] = []
 
     def store(self, scalars: Sequence[Any], shape: tuple[int, ...]) -> Places:
-        """Adds the entries of an array of this shape, in row-major order, and returns their places."""
+        """Adds the entries of an array of this shape, in row-major order, and returns their positions."""
         first = len(self.scalars)
         self.scalars.extend(scalars)
         return np.arange(first, len(self.scalars)).reshape(shape)
 
     def at(self, places: Any) -> list[Any]:
-        """The scalars at these places, in row-major order."""
+        """The scalars at these positions, in row-major order."""
         return [self.scalars[i] for i in np.ravel(places)]
 
     def constants(self, places: Places, dtype: Any) -> np.ndarray | None:
-        """The entries at these places as a NumPy array; None if any of them is traced and so not known."""
+        """The entries at these positions as a NumPy array; None if any of them is traced."""
         numbers = self.at(places)
         if any(isinstance(n, Tracer) for n in numbers):
             return None
@@ -55,10 +55,10 @@ class Rule(NamedTuple):
     """How one primitive is replayed.
 
     Attributes:
-        replay: `replay(pool, equation, operands)` takes the places of the operands and returns those of the results,
-            or None if the operation must be executed on arrays.
-        understood: for each parameter that the rule knows, a predicate: whether the rule understands a value.
-        cheap: whether XLA's CPU compiler repeats the operation rather than store its result.
+        replay: `replay(pool, equation, operands)` accepts the positions of the operands and returns the positions of
+            the results, or None if the operation must be executed on arrays.
+        understood: for each supported parameter, a predicate for its supported values.
+        cheap: whether XLA's CPU compiler repeats the operation instead of storing its result.
         accepts: whether the rule applies to operands and results with these dtypes.
     """
 
@@ -69,7 +69,7 @@ class Rule(NamedTuple):
 
 
 def rule_for(equation: Any) -> Rule | None:
-    """The rule for an operation, or None if it has none. The sizes of its arrays are not considered."""
+    """The rule for an operation, or None; the sizes of its arrays are not considered."""
     rule = RULES.get(equation.primitive.name)
     if rule is None or not _understands(rule.understood, equation.params):
         return None
@@ -85,9 +85,9 @@ def body_of(equation: Any) -> ClosedJaxpr | None:
 
 
 def is_expensive(equation: Any) -> bool:
-    """Whether XLA's CPU compiler stores the result of an operation rather than repeat it, or whether it has no rule.
+    """Whether XLA's CPU compiler stores the result of an operation instead of repeating it, or it has no rule.
 
-    A function with a derivative of its own, such as a reciprocal root without a root, counts by its operations.
+    A function with a custom derivative, such as a reciprocal root without a root, counts by its operations.
     """
     own = equation.params.get("call_jaxpr") if equation.primitive.name == "custom_jvp_call" else None
     body = body_of(equation) or own
@@ -98,7 +98,7 @@ def is_expensive(equation: Any) -> bool:
 
 
 def has_rules(closed: ClosedJaxpr) -> bool:
-    """Whether every operation of a traced function works on small arrays and has a rule, or works on scalars alone."""
+    """Whether every operation of a traced function has a rule and small arrays, or operates on scalars only."""
     for equation in closed.jaxpr.eqns:
         body = body_of(equation)
         if body is not None:
@@ -111,7 +111,7 @@ def has_rules(closed: ClosedJaxpr) -> bool:
 
 
 def is_on_scalars(equation: Any) -> bool:
-    """Whether an operation, and for a plain `jit` call every operation in it, has scalars alone for operands."""
+    """Whether an operation has only scalar operands; for a plain `jit` call, every operation in it."""
     body = body_of(equation)
     if body is not None:
         return all(map(is_on_scalars, body.jaxpr.eqns))
@@ -119,16 +119,16 @@ def is_on_scalars(equation: Any) -> bool:
 
 
 def count_operations(closed: ClosedJaxpr) -> int:
-    """The number of operations of a traced function, with those of the `jit` calls in it."""
+    """The number of operations of a traced function, including the `jit` calls in it."""
     bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)
     return sum(1 if body is None else count_operations(body) for _, body in bodies)
 
 
 def count_scalar_operations(closed: ClosedJaxpr) -> tuple[int, int]:
-    """How many operations on scalars replay a traced function, and how many operations of the function they replace.
+    """The number of operations on scalars in the replay of a traced function, and of the operations they replace.
 
-    Operations that move entries are not counted. An operation on an array that is too large to split counts as many as
-    the entries that go into it and come out of it.
+    Operations that move entries are not counted. An operation on an array that is too large to split counts as its
+    number of input and output entries.
     """
     scalars = operations = 0
     for equation in closed.jaxpr.eqns:
@@ -186,12 +186,12 @@ def _exactly(accepted: Any, *names: str) -> dict[str, Callable[[Any], bool]]:
 
 
 def _unsharded(name: str) -> dict[str, Callable[[Any], bool]]:
-    """No sharding, or one that divides no axis of the array, which JAX writes down within `jax.shard_map`."""
+    """No sharding, or one that divides no axis of the array, which JAX records within `jax.shard_map`."""
     return {name: lambda value: value is None or all(part is None for part in getattr(value, "spec", (True,)))}
 
 
 def _is_plain_precision(value: Any) -> bool:
-    """Whether scalars meet the requested precision: they meet every `jax.lax.Precision`, but not a named algorithm."""
+    """Whether scalars meet the requested precision, which may be any `jax.lax.Precision` but not a named algorithm."""
     pair = value if isinstance(value, tuple) else (value,)
     return all(part is None or isinstance(part, jax.lax.Precision) for part in pair)
 
@@ -243,9 +243,9 @@ def _on_scalars(equation: Any, scalars: list[Any]) -> Any:
 
 
 def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    """Promotes only the entries that are traced.
+    """Promotes only the traced entries.
 
-    A constant stays a NumPy value, so that it can still serve as an index; operations promote it where necessary.
+    A constant stays a NumPy value, so that it can still be used as an index; operations promote it where necessary.
     """
     axes = frozenset(equation.params["axes"])
     scalars = [promoted(s, axes) if isinstance(s, Tracer) else s for s in pool.at(operands[0])]
@@ -298,7 +298,7 @@ def _replay_dot_general(pool: Pool, equation: Any, operands: list[Places]) -> An
     contract, batch = equation.params["dimension_numbers"]
 
     def arranged(value: Places, contracted: Any, batched: Any) -> Places:
-        """The places with three axes: batch, free and contracted."""
+        """The positions with three axes: batch, free and contracted."""
         free = [a for a in range(value.ndim) if a not in (*contracted, *batched)]
         sizes = [math.prod(value.shape[a] for a in axes) for axes in (batched, free, contracted)]
         return value.transpose((*batched, *free, *contracted)).reshape(sizes)

@@ -1,7 +1,7 @@
-"""What the structure of arguments decides, decided once: looking at shapes and classes takes longer than a short run.
+"""Caches decisions that depend on the structure of arguments, because they take longer than a short run.
 
-The structure is everything but the numbers: classes, functions, shapes and dtypes. What depends on numbers, such as
-whether they are finite, must be looked at in every call.
+The structure is everything except the numbers: classes, functions, shapes and dtypes. Decisions that depend on numbers,
+such as whether they are finite, must be made in every call.
 """
 
 import weakref
@@ -14,13 +14,13 @@ import numpy as np
 from .internals import Tracer
 
 R = TypeVar("R")
-_KEPT = 1024  # entries of one memory; a torque made anew for every call would fill more and more
+_KEPT = 1024  # entries of one cache; a torque made again for every call would fill more and more
 _decisions: dict[Hashable, Any] = {}
 _known: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
 
 
 def structure_of(tree: Any) -> Hashable:
-    """All of a tree but the numbers in its arrays; None where a part of it cannot be compared."""
+    """Everything in a tree except the numbers in its arrays; None if a part of it cannot be compared."""
     return _structure(*jax.tree.flatten(tree))
 
 
@@ -34,12 +34,12 @@ def _structure(leaves: list[Any], structure: Any) -> Hashable:
 
 
 def is_array(leaf: Any) -> bool:
-    """Whether a leaf is an array of JAX, which may be traced, or of NumPy."""
+    """Whether a leaf is a JAX array, which may be traced, or a NumPy array."""
     return isinstance(leaf, jax.Array | np.ndarray | np.generic)
 
 
 def kind_of(leaf: Any) -> Any:
-    """The type of an array, also of one that is being traced; of anything else the type and the value.
+    """The type of an array, also of a traced one; for other objects the type and the value.
 
     0.0 and -0.0 are equal, and so are 1, 1.0 and True; they differ in their types and digits.
     """
@@ -51,7 +51,7 @@ def kind_of(leaf: Any) -> Any:
 
 
 def once(decide: Callable[..., R], *arguments: Any) -> R:
-    """`decide(*arguments)`, remembered for all arguments of this structure; an exception is not remembered."""
+    """`decide(*arguments)`, cached for all arguments of this structure; exceptions are not cached."""
     structure = structure_of(arguments)
     if structure is None:
         return decide(*arguments)
@@ -62,14 +62,14 @@ def once(decide: Callable[..., R], *arguments: Any) -> R:
 
 
 def remember(memory: dict[Any, Any], key: Hashable, value: Any) -> None:
-    """Adds an entry; the oldest one makes room for it."""
+    """Adds an entry; the oldest one is removed if the cache is full."""
     if len(memory) >= _KEPT:
         memory.pop(next(iter(memory)))
     memory[key] = value
 
 
 def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
-    """`decide(*arguments)`, remembered for the same arrays, which must be of JAX, because those of NumPy can change."""
+    """`decide(*arguments)`, cached for the same JAX arrays; not cached with NumPy arrays, which can change."""
     every, tree = jax.tree.flatten(arguments)
     structure, leaves = _structure(every, tree), [leaf for leaf in every if is_array(leaf)]
     if structure is None or any(isinstance(leaf, Tracer) or not isinstance(leaf, jax.Array) for leaf in leaves):
