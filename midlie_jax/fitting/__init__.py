@@ -7,9 +7,9 @@
     guess = {"moments": fitting.Moments([1.0, 2.0, 2.5], scale="fixed"), "rate": fitting.Free([0.1, 0.2, 0.3])}
     print(ml.fit(model, guess, fitting.Rates(times, rates, sigma=1e-3), dt=0.1))
 
-Each file imports those before it only: `parameters`, `measurements`, `instruments` and `sampling` (states at any times)
-make the `problem` (what is minimised); `noise` and `estimate` judge the optimum, `solve` finds it, `report` puts the
-result in words; `checks` tests the arguments of `fit`.
+Each file imports only earlier ones. `parameters`, `measurements`, `instruments` and `sampling` (states at any times)
+make the `problem` (the function to minimise). `noise` and `estimate` judge the optimum, `solve` finds it, and `report`
+describes the result in words; `checks` tests the arguments of `fit`.
 """
 
 from .estimate import Estimate as Estimate

@@ -1,7 +1,7 @@
-"""Whether a model and measurements suit each other, found out before anything is traced: kinds, units, conventions.
+"""Whether a model and measurements match in kind, units and conventions, checked before anything is traced.
 
-Measured speeds are compared with those that a free body of the guess can have. Two neighbouring quaternions give the
-angular velocity between them: if it is far from the measured one, and close to it after the quaternions are conjugated
+Measured speeds are compared with the possible speeds of a free body of the guess. Two neighbouring quaternions give the
+angular velocity between them. If it is far from the measured one, and close to it after the quaternions are conjugated
 or their components exchanged, they follow another convention.
 """
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial.transform import Rotation  # SciPy comes with JAX
+from scipy.spatial.transform import Rotation  # SciPy is a dependency of JAX
 
 from ..drivers.arguments import check_system
 from ..methods.base import Method
@@ -21,12 +21,12 @@ from .instruments import Accelerations, Attitudes, Directions, Positions, Rates,
 from .measurements import Measurement, Observed
 from .parameters import Layout
 
-_FACTOR = 20.0  # measured and guessed speeds that differ by a larger factor are in different units, such as degrees
-_ANGLE = 1.5  # the most radians between two rows, so that the rotation between them is known
+_FACTOR = 20.0  # a larger ratio of measured and guessed speeds means different units, such as degrees
+_ANGLE = 1.5  # radians: below it, the rotation between two rows is unambiguous
 _FEWEST = 4  # rows
 _AGREES, _DIFFERS, _BETTER = 0.4, 0.6, 3.0
 _MINUS = "np.array([1.0, -1.0, -1.0, -1.0])"
-_READINGS = {  # how each becomes (w, x, y, z) from body to space, and how to write it
+_READINGS = {  # conversion of each to (w, x, y, z) from body to space, and how to write it
     "conjugated, from space to body": (lambda q: q * [1, -1, -1, -1], f"values * {_MINUS}"),
     "scalar-last, (x, y, z, w)": (lambda q: np.roll(q, 1, axis=1), "np.roll(values, 1, axis=-1)"),
     "conjugated and scalar-last, (x, y, z, w) from space to body": (
@@ -39,7 +39,7 @@ _READINGS = {  # how each becomes (w, x, y, z) from body to space, and how to wr
 def checked_model(
     model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method
 ) -> tuple[Method, bool]:
-    """The fitted method, and whether the model holds several bodies; a ValueError if it does not suit the data."""
+    """The fitted method, and whether the model holds several bodies; raises a ValueError if the data do not fit."""
     values = layout.values(layout.start())
     try:
         body, torque, start = model(values)
@@ -69,7 +69,7 @@ def checked_model(
 
 
 def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> None:
-    """Raises unless the measurement can be of this body."""
+    """Raises unless the measurement is possible for this body."""
     kind, state = type(m).__name__, type(start).__name__
     if isinstance(m, Rates) and not isinstance(principal_of(body).turning, RigidBody):
         raise ValueError(f"Rates must be of a rigid body, got a {type(body).__name__} from the model.")
@@ -97,14 +97,14 @@ def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> No
 
 
 def _check_speeds(body: Any, start: AnyState, measured: Rates) -> None:
-    """Raises if a free body cannot rotate as fast or as slowly as measured; the units are then not the same."""
+    """Raises if a free body cannot reach the measured speeds, which means that the units differ."""
     # Its speed changes by at most the ratio of the largest moment to the smallest.
     guessed = float(jnp.linalg.norm(body.velocity(start.momentum)))
     moments = principal_of(body).turning.moments
     allowed = max(_FACTOR, 2 * float(jnp.max(moments) / jnp.min(moments)))
     rates = np.asarray(measured.values)[np.all(np.asarray(measured.present), axis=1)]
     unknown = measured.bias is not None
-    # An unknown bias may have any size, so only the changes of the rates count, and these may be small.
+    # An unknown bias may have any size, so only the changes of the rates are used, and these may be small.
     speeds = np.linalg.norm(rates - np.median(rates, axis=0) if unknown and len(rates) else rates, axis=1)
     usual = float(np.median(speeds)) if speeds.size else 0.0
     slow = 0 < usual <= guessed / allowed and not unknown
@@ -123,7 +123,7 @@ def _check_speeds(body: Any, start: AnyState, measured: Rates) -> None:
 
 
 def check_conventions(measurements: Sequence[Measurement], values: Any) -> None:
-    """Raises a ValueError if attitudes contradict the rates of the same body, and agree with them in another reading.
+    """Raises a ValueError if attitudes contradict the rates of the same body, but agree in another convention.
 
     If the clock of an instrument is fitted, its values are not compared.
     """
@@ -143,7 +143,7 @@ def _check_convention(attitudes: Attitudes, rates: Rates, values: Any) -> None:
     fitted = rates.bias is not None and rates.bias.rule is not None
 
     def typical(vectors: np.ndarray) -> float:
-        """The median length, in which outliers do not count; without a bias, if it is fitted."""
+        """The median length, which ignores outliers; without a bias, if it is fitted."""
         return float(np.median(np.linalg.norm(vectors - np.median(vectors, axis=0) * fitted, axis=1)))
 
     size = typical(measured)

@@ -1,8 +1,8 @@
 """The result of a fit as arrays: values with covariance, how the fit ended, and what the data determine.
 
-What they determine is read from the singular values of the Jacobian with columns of length one. A column is the
-derivative of all residuals with respect to one unconstrained number. A combination of numbers that changes no residual
-is a null vector of the Jacobian, and its parameters cannot be told apart.
+The singular values of the Jacobian with columns of length one show what the data determine. A column is the derivative
+of all residuals with respect to one unconstrained number. A combination of numbers that changes no residual is a null
+vector of the Jacobian, and its parameters are not identifiable.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtri, stdtrit  # SciPy comes with JAX
+from scipy.special import ndtri, stdtrit  # SciPy is a dependency of JAX
 
 from .noise import explained, remainders_of, within_sigmas
 from .parameters import InertiaTensor, Moments, Parameter, UnitQuaternion
@@ -26,9 +26,9 @@ _SHARE = 0.1  # a number belongs to a null vector if its entry is at least this 
 
 
 class Result(Enum):
-    """How a fit ended, and what this means; `Fit.message` says more about a particular fit.
+    """How a fit ended, and what this means; `Fit.message` gives details of a particular fit.
 
-    If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, MISFIT, UNDETERMINED.
+    If several apply, the result is the first of RUN_FAILED, NOT_CONVERGED, MISFIT, UNDETERMINED.
 
     Examples:
         >>> ml.fitting.Result.of(0) is ml.fitting.Result.FITTED
@@ -50,17 +50,17 @@ class Result(Enum):
 
     @classmethod
     def of(cls, code: int) -> "Result":
-        """The result that a number stands for."""
+        """The result for a number."""
         return list(cls)[code]
 
 
 class Spectrum(NamedTuple):
     """The singular value decomposition of a Jacobian with columns of length one."""
 
-    lengths: Float[Array, " p"]  # the lengths that the columns had; one where a column is zero
+    lengths: Float[Array, " p"]  # the original lengths of the columns; one where a column is zero
     singular: Float[Array, " p"]  # the singular values, descending
-    directions: Float[Array, "p p"]  # the right singular vectors, one in each row
-    determined: Bool[Array, " p"]  # whether each singular value is distinct from rounding
+    directions: Float[Array, "p p"]  # the right singular vectors, one per row
+    determined: Bool[Array, " p"]  # whether each singular value exceeds rounding
 
     @classmethod
     def of(cls, jacobian: Float[Array, "r p"]) -> "Spectrum":
@@ -102,7 +102,7 @@ def lengths_of(jacobian: Float[Array, "r p"]) -> Float[Array, " p"]:
 
 
 class Estimate(eqx.Module):
-    """The parameters that fit best, and how well the data determine them; with leading axes, of many data sets.
+    """The best-fit parameters, and how well the data determine them; with leading axes for many data sets.
 
     Attributes:
         vector: (p,), the unconstrained numbers.
@@ -120,7 +120,7 @@ class Estimate(eqx.Module):
         steps: the number of steps of the optimiser.
         converged: whether the optimiser converged and every step of the run was good.
         result: how the fit ended, the `code` of a `Result`.
-        ok: whether it ended as it should: `result` is 0.
+        ok: whether it ended normally: `result` is 0.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -158,7 +158,7 @@ def estimate_at(
     converged: Array,
     absolute_sigma: bool,
 ) -> Estimate:
-    """The estimate for a vector at which the sum of squares has a minimum.
+    """The estimate for a vector at which the sum of squares is minimal.
 
     `at_optimum` has the residuals, whether every step of the run was good, and the Jacobian or its factor R.
     """
@@ -180,7 +180,7 @@ def estimate_at(
         fits, quantile = within_sigmas(squares, enough), one * ndtri(0.5 + CONFIDENCE / 2)
     else:
         fits = explained(remainders_of(data.measurements, found, values))
-        # Student's t, from a table of all degrees of freedom that can occur.
+        # Student's t, from a table of all possible degrees of freedom.
         table = np.concatenate([[np.inf], stdtrit(np.arange(1, found.size + 1), 0.5 + CONFIDENCE / 2)])
         quantile = jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, found.size)]
     result = jnp.zeros((), jnp.int32)  # of the first condition from below that is False
@@ -204,13 +204,13 @@ def estimate_at(
 
 
 def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) -> list[list[str]]:
-    """The groups of numbers that cannot be told apart; a group of one name is a number without any effect.
+    """The groups of numbers that are not identifiable; a group of one name is a number without any effect.
 
-    The null vectors span a space, and the choice of a basis is arbitrary. So the groups are found from the matrix that
-    projects on this space: two numbers belong together if their common entry is not small relative to their diagonal
-    entries. Numbers are measured in two ways: by how much they change the residuals, and in units of `typical`. If
-    moments can change by a common factor, one of them may count little in the first way, but all count the same in the
-    second.
+    The null vectors span a space, and the choice of a basis is arbitrary. The groups are therefore found from the
+    matrix that projects on this space. Two numbers belong together if their common entry is not small relative to their
+    diagonal entries. Numbers are measured in two ways: by how much they change the residuals, and in units of
+    `typical`. If moments can change by a common factor, one of them may count little in the first way, but all count
+    equally in the second.
     """
     null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
     changes = null / np.asarray(spectrum.lengths) / (np.ones(len(names)) if typical is None else np.asarray(typical))

@@ -1,7 +1,7 @@
 """`fit`: parameters of a rigid body from measurements, by nonlinear least squares through the integrator.
 
-`prepare` makes all checks of the arguments before anything is traced. `fit` then searches for the optimum, and puts the
-result in words; `fit_arrays` (in `solve`) is the same search without words, for many data sets.
+`prepare` checks all arguments before anything is traced. `fit` then searches for the optimum, and describes the result
+in words. `fit_arrays` (in `solve`) is the same search without words, for many data sets.
 """
 
 import math
@@ -24,7 +24,7 @@ from .report import Fit, UndeterminedError, message_of
 from .sampling import Grid, check_grid
 from .solve import Plan, Solver, solved
 
-_MOST_STEPS = 2**31 - 1  # they are counted in int32
+_MOST_STEPS = 2**31 - 1  # int32 counts them
 
 
 def fit(
@@ -47,57 +47,59 @@ def fit(
     require_rank: bool = True,
     progress: bool | Callable[[int], Any] | None = None,
 ) -> Fit:
-    """Fits the parameters of a rigid body to measurements, by default with Levenberg and Marquardt's method.
+    """Fits the parameters of a rigid body to measurements, by default with the Levenberg-Marquardt method.
 
     The sum of the squares of all residuals over their sigmas is minimised. The Jacobian is computed in forward mode
-    through `midlie_jax.integrate`. The first call compiles; pass the same `model` function again to reuse what was
-    compiled.
+    through `midlie_jax.integrate`. The first call compiles; pass the same `model` function to reuse the compiled
+    program.
 
     Args:
-        model: model(values) -> (body, torque, start), where `values` has the structure of `guess` with arrays in place
+        model: model(values) -> (body, torque, start), where `values` has the structure of `guess` with arrays instead
             of the parameters. It must be pure and made of JAX operations.
         guess: a pytree, such as a dict, whose leaves are parameters from `midlie_jax.fitting`.
         measurements: one or several.
-        dt: the step, as for `midlie_jax.integrate`; the error of the run must be below that of the measurements.
+        dt: the step, as for `midlie_jax.integrate`; the error of the run must be smaller than the errors of the
+            measurements.
         method: the method of the run.
         t0: the time of `start`, not after the first measurement.
-        starts: the number of starts. The first is the guess, the others are drawn around it; the best of all fits
-            counts.
-        spread: standard deviation of the drawn starts: relative, or for quaternions in radians.
-        seed: seed of the drawn starts.
+        starts: the number of initial guesses. The first is the guess, the others are drawn around it; the best of all
+            fits is returned.
+        spread: standard deviation of the drawn guesses: relative, or for quaternions in radians.
+        seed: seed of the drawn guesses.
         segments: with more than one, multiple shooting: the time is cut into this many segments. Each has its own
-            start, taken from the nearest measured rate and attitude if there are any. Multiple shooting converges from
-            guesses whose run departs from the data, as for chaotic motion or near the separatrix. A last fit without
-            segments makes the estimate the same as with one segment.
+            initial state, taken from the nearest measured rate and attitude if available. Multiple shooting converges
+            from guesses whose run departs from the data, as for chaotic motion or near the separatrix. A last fit
+            without segments makes the estimate the same as with one segment.
         continuity: the weight of jumps between segments. A relative jump of the momentum, or a jump of the attitude in
             radians, of size 1 / `continuity` counts as much as a residual of one sigma.
-        first_span: a length of time after t0. If given, the measurements of this span are fitted first, then those of
-            twice the span, and so on to all of them, each fit starting from the result of the previous one. Like
-            `segments`, but without further unknowns, this converges from guesses whose run departs from the data only
-            later; the program is compiled once. The span should hold more measured numbers than there are unknowns.
+        first_span: a length of time after t0. If given, the measurements of this span are fitted first, then the
+            measurements of twice the span, and so on to all of them. Each fit begins at the result of the previous one.
+            Like `segments`, but without further unknowns, this converges from guesses whose run departs from the data
+            only later. The program is compiled once. The span should hold more measured numbers than there are
+            unknowns.
         absolute_sigma: True if the sigmas are known. Otherwise they are known up to a common factor, which is estimated
             from the residuals, and intervals use Student's t.
-        solver: a function solver(residuals, start, max_steps) -> (optimum, steps, converged) in place of Levenberg and
-            Marquardt's method. It minimises the sum of the squares of residuals(x), x (u,), from x = start, with JAX
-            operations; derivatives of `residuals` are computed in forward mode. For example `optimistix.least_squares`
-            with an optimiser of optax can be called in it.
-        max_steps: the largest number of steps of the optimiser from each start.
+        solver: a function solver(residuals, start, max_steps) -> (optimum, steps, converged) instead of the
+            Levenberg-Marquardt method. It minimises the sum of the squares of residuals(x), x (u,), from x = start,
+            with JAX operations; derivatives of `residuals` are computed in forward mode. For example, it can call
+            `optimistix.least_squares` with an optimiser of optax.
+        max_steps: the largest number of steps of the optimiser from each initial guess.
         require_rank: if False, data that do not determine all parameters give a result with `ok` False, and no error.
         progress: whether to show a line on stderr; by default only if stderr is a terminal. Or a function that is
             called with 1 after each step of the search.
 
     Returns:
         The result; print it for a table. `ok` is False if a run failed, the optimiser did not converge, or the
-        residuals cannot be noise: with `absolute_sigma` by a chi-squared test of the sigmas, otherwise because they are
-        not small relative to what was measured.
+        residuals cannot be noise. With `absolute_sigma` this is a chi-squared test of the sigmas; otherwise the
+        residuals must be small relative to the measured values.
 
     Raises:
-        ValueError: an argument is invalid, there are too few measurements, the rates are in another unit than the guess
-            of a free body, or the attitudes follow another convention by the rates of the same body; these are raised
+        ValueError: an argument is invalid, there are too few measurements, the rates have another unit than the guess
+            of a free body, or the attitudes contradict the convention of the rates of the same body. It is raised
             before anything is traced.
         UndeterminedError: a ValueError. The fit converged and its residuals can be noise, but the measurements do not
-            determine all parameters. The message names those that cannot be told apart; `result` of the error is what
-            was found.
+            determine all parameters. The message names the parameters that are not identifiable; `result` of the error
+            holds the fit.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -143,9 +145,9 @@ def prepare(
     solver: Solver | None = None,
     max_steps: int = 200,
 ) -> Plan:
-    """Checks a problem and returns what `fit_arrays` needs to solve it for any data of the same shapes.
+    """Checks a problem and returns the plan with which `fit_arrays` solves it for any data of the same shapes.
 
-    Args and errors are those of `fit`.
+    Arguments and errors are the same as for `fit`.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start

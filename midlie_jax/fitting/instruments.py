@@ -1,6 +1,6 @@
-"""The measurements that have a class: what gyroscopes, star trackers, cameras and accelerometers show.
+"""The classes of measurements: gyroscopes, star trackers, cameras and accelerometers.
 
-`OfBody` is any of them of one of several coupled bodies.
+`OfBody` is a measurement of one of several coupled bodies.
 """
 
 import math
@@ -23,8 +23,8 @@ from ..model.torques import GravityGradient, Torque, TorqueLike, kept_terms, on_
 from ..model.wrench import Wrench
 from .measurements import Expected, Measurement, Part, Recorded, Source, deviations, rows, source
 
-_SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is computed by a series
-_GAUSS = 0.5 - math.sqrt(3) / 6  # of the two Gauss points on (0, 1)
+_SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is a series
+_GAUSS = 0.5 - math.sqrt(3) / 6  # the first of the two Gauss points on (0, 1)
 
 
 class Rates(Expected):
@@ -34,10 +34,10 @@ class Rates(Expected):
         times: (n,), ascending.
         values: (n, 3), radians per unit of time; NaN where missing.
         sigma: standard deviation in radians per unit of time: one number, (3,), or (n, 3).
-        bias: what the gyroscope adds to the true rate: the name of a parameter (3,) of the guess, a function of the
-            values of the parameters that returns (3,), or a known array (3,). None means no bias.
+        bias: the bias added to the true rate: the name of a parameter (3,) of the guess, a function of the values of
+            the parameters that returns (3,), or a known array (3,). None means no bias.
         clock: how far the instrument's clock is ahead of the model's time, in the unit of time: the name of a parameter
-            (), a function of the values of the parameters, or a known number. None means that both agree.
+            (), a function of the values of the parameters, or a known number. None means no offset.
 
     Raises:
         ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
@@ -65,8 +65,8 @@ class Rates(Expected):
 class Attitudes(Recorded):
     """Attitudes, as a star tracker or motion capture measures them.
 
-    The residual is the rotation vector from the measured attitude to that of the model, in the body frame; its length
-    is the geodesic distance. q and -q are the same attitude.
+    The residual is the rotation vector from the measured attitude to the model's attitude, in the body frame; its
+    length is the geodesic distance. q and -q are the same attitude.
 
     Args:
         times: (n,), ascending.
@@ -75,7 +75,7 @@ class Attitudes(Recorded):
         clock: as for `Rates`.
 
     Raises:
-        ValueError: as for `Rates`, or a quaternion whose length is not 1 to 1e-3.
+        ValueError: as for `Rates`, or the length of a quaternion is not 1 to 1e-3.
 
     Examples:
         >>> seen = np.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6], [np.nan, 0.0, 0.0, 0.0]])  # none at the end
@@ -99,18 +99,18 @@ class Attitudes(Recorded):
 
 
 class Directions(Recorded):
-    """Directions known in the space frame and measured in the body frame, as a sun sensor or a magnetometer does.
+    """Directions known in the space frame and measured in the body frame, as by a sun sensor or a magnetometer.
 
-    The residual is the angle from the measured direction to that of the model, as two components perpendicular to the
-    measured direction. Lengths do not matter, unless there is a bias.
+    The residual is the angle from the measured direction to the model's direction, as two components perpendicular to
+    the measured direction. Lengths have no effect, unless there is a bias.
 
     Args:
         times: (n,), ascending.
-        values: (n, 3), body frame, of any length but zero; a row with a NaN is missing.
+        values: (n, 3), body frame, of any nonzero length; a row with a NaN is missing.
         sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
         reference: the known direction in the space frame, (3,), or (n, 3) if it changes with time.
-        bias: what the instrument adds to the vector, in the unit of `values`, such as the field of iron that rotates
-            with a magnetometer; given in the three forms of the bias of `Rates`. None means no bias.
+        bias: the bias added to the vector, in the unit of `values`, such as the field of iron that rotates with a
+            magnetometer; given in the three forms of the bias of `Rates`. None means no bias.
         clock: as for `Rates`.
 
     Raises:
@@ -175,7 +175,8 @@ def perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
 class Positions(Expected):
     """Positions in the space frame of markers fixed in the body.
 
-    On a body that translates, markers are seen from its centre of mass; a marker (0, 0, 0) is that centre.
+    On a body that translates, marker positions are relative to the centre of mass; a marker (0, 0, 0) is the centre of
+    mass.
 
     Args:
         times: (n,), ascending.
@@ -183,8 +184,8 @@ class Positions(Expected):
         sigma: standard deviation in the same unit of length, broadcast to the shape of `values`.
         markers: body-frame coordinates of the markers, (3,) or (m, 3): a known array, the name of a parameter, or a
             function of the values of the parameters.
-        origin: position in space of the point about which the body rotates, (3,), in the same three forms; None for
-            the origin, or for a body that translates.
+        origin: position in space of the point about which the body rotates, (3,), in the same three forms; None for the
+            origin, or for a body that translates.
         clock: as for `Rates`.
 
     Raises:
@@ -217,13 +218,13 @@ class Positions(Expected):
 
 
 class Accelerations(Expected):
-    """Specific forces in the body frame, as an accelerometer measures them: its acceleration without that of gravity.
+    """Specific forces in the body frame, as from an accelerometer: the acceleration without gravity.
 
     The model is R^T (a - g) + Omega' x r + Omega x (Omega x r). a is the acceleration of the centre of mass of a body
-    that translates, zero for one that rotates about a fixed point; r is the position of the instrument, and Omega' is
-    from Euler's equations with the torque of the model. g is the gravity at the instrument: in orbit it differs from
+    that translates, and zero for one that rotates about a fixed point. r is the position of the instrument, and Omega'
+    is from Euler's equations with the torque of the model. g is the gravity at the instrument: in orbit it differs from
     gravity at the centre of mass by the tidal term, (grad g) R r to first order. The fields of the torque give it, also
-    their sum; a `GravityGradient` gives it to first order, if no other term of the torque is gravity.
+    their sum. A `GravityGradient` gives it to first order, if no other term of the torque is gravity.
 
     Args:
         times: (n,), ascending.
@@ -234,7 +235,7 @@ class Accelerations(Expected):
         gravity: the acceleration g of gravity at the centre of mass or the fixed point, space frame, (3,), in the same
             three forms; zeros in free fall. None if terms of the torque on a body that translates are gravity:
             `UniformGravity`, `PointMass` and `Oblateness`, and no others.
-        bias: what the instrument adds, (3,), in the same three forms. None means no bias.
+        bias: the bias added, (3,), in the same three forms. None means no bias.
         clock: as for `Rates`.
 
     Raises:
@@ -251,7 +252,7 @@ class Accelerations(Expected):
     lever: Source
     gravity: Source | None
     bias: Source | None
-    run: tuple[TorqueLike | None] | None  # the torque of the model, when it is known
+    run: tuple[TorqueLike | None] | None  # the torque of the model, if available
 
     def __init__(
         self,
@@ -300,8 +301,9 @@ def _gravitational(term: TorqueLike) -> bool:
 def _fall(fields: TorqueLike, t: Array, state: Any, body: Any, lever: Array) -> Array:
     """The acceleration of a body by gravity, minus the gravity at a point of the body, space frame.
 
-    Both parts are derivatives, which avoids the difference of nearly equal accelerations: of the force by the moments,
-    which it is linear in, and of the field along the lever, at two Gauss points.
+    Both parts are derivatives, which avoids the difference of nearly equal accelerations. One is the derivative of the
+    force with respect to the moments, in which it is linear. The other is the derivative of the field along the lever,
+    at two Gauss points.
     """
     place, along = state.position, so3.rotate(attitude_of(state), lever)
     one = jnp.ones_like(body.mass)
@@ -325,15 +327,15 @@ def _fall(fields: TorqueLike, t: Array, state: Any, body: Any, lever: Array) -> 
 
 
 class OfBody(Measurement):
-    """A measurement of one body of a `CoupledState`, such as the attitude of a moon.
+    """A measurement of one body of a `CoupledState`, such as the attitude of the secondary of a binary.
 
     Args:
         body: the index of the body, from 0.
         measurement: such as `Attitudes` or `Rates`.
 
     Raises:
-        ValueError: the index is not a whole number from 0 on; or the measurement is an `OfBody`, or `Accelerations`,
-            which need the force on the body alone.
+        ValueError: the index is not a nonnegative integer; or the measurement is an `OfBody`, or `Accelerations`, which
+            need the force on the body alone.
 
     Examples:
         >>> times, seen = np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
@@ -355,7 +357,7 @@ class OfBody(Measurement):
             )
         self.body, self.measurement = int(body), measurement
 
-    # The fields of other measurements are read from the one within.
+    # The fields of other measurements are read from the inner measurement.
     times, values, sigma, present, clock = (  # pyright: ignore[reportAssignmentType]
         property(lambda self, name=name: getattr(self.measurement, name))
         for name in ("times", "values", "sigma", "present", "clock")
@@ -377,5 +379,5 @@ class OfBody(Measurement):
 
 
 def of_which(measurement: Measurement) -> tuple[int | None, Measurement]:
-    """The index of the body in an `OfBody`, and the measurement within; None and the measurement for all others."""
+    """The index of the body in an `OfBody`, and the inner measurement; None and the measurement for all others."""
     return (measurement.body, measurement.measurement) if isinstance(measurement, OfBody) else (None, measurement)

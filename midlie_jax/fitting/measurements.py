@@ -1,8 +1,8 @@
-"""What a fit compares with: values at times, and their residuals, model minus measurement in units of sigma.
+"""Measurements for a fit: values at times, and their residuals, model minus measurement in units of sigma.
 
-A value that is NaN is missing: its residual is zero and it is not counted. Shapes are those of one data set; to fit
-many data sets at once, map over the arrays of a measurement with `jax.vmap`. `Observed` is a measurement of anything;
-the file `instruments` has what is measured often.
+A NaN value is missing: its residual is zero and it is not counted. Shapes are given for one data set. To fit many data
+sets at once, map over the arrays of a measurement with `jax.vmap`. `Observed` is a measurement of any quantity; the
+file `instruments` has common measurements.
 """
 
 from abc import abstractmethod
@@ -26,9 +26,9 @@ _ARGUMENTS = "t, state, body, values"
 
 
 class Source(eqx.Module):
-    """Where a quantity of an instrument comes from, such as its bias: see `Part`."""
+    """The source of a quantity of an instrument, such as its bias: see `Part`."""
 
-    rule: str | Callable[..., Any] | None = eqx.field(static=True)  # None if the quantity is known
+    rule: str | Callable[..., Any] | None = eqx.field(static=True)  # None for a known quantity
     known: Array | None
 
     @classmethod
@@ -61,7 +61,7 @@ class Measurement(eqx.Module):
         values: (n, ...), zero where missing.
         sigma: standard deviations of the residuals' entries, broadcast to their shape (n, ...).
         present: (n, ...), False where a value is missing.
-        clock: how far the clock of the instrument is ahead of the model's time; None if both agree.
+        clock: how far the clock of the instrument is ahead of the model's time; None for no offset.
 
     Examples:
         >>> seen = np.array([[0.1, 0.2, 0.3], [0.1, 0.2, np.nan]])
@@ -78,7 +78,7 @@ class Measurement(eqx.Module):
     clock: eqx.AbstractVar[Source | None]
 
     def times_of_model(self, parameters: Any) -> Float[Array, " n"]:
-        """The times at which the values were measured, on the model's clock."""
+        """The times of the values on the model's clock."""
         return self.times if self.clock is None else self.times - self.clock(parameters).reshape(())
 
     @abstractmethod
@@ -92,7 +92,7 @@ class Measurement(eqx.Module):
         """
 
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
-        """The measurement of one body, that body, and its states; a ValueError if the model holds several."""
+        """The measurement of one body, that body, and its states; raises a ValueError if the model holds several."""
         if states.several:
             raise ValueError(
                 f"{type(self).__name__} must be of one body, got a {type(states).__name__} of several; name the body, "
@@ -101,7 +101,7 @@ class Measurement(eqx.Module):
         return self, body, states
 
     def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Measurement":
-        """The measurement for a run under this torque; `times` are those of the states. By default, itself."""
+        """The measurement for a run under this torque at the `times` of its states; by default, itself."""
         del torque, times
         return self
 
@@ -121,17 +121,17 @@ class Recorded(Measurement):
     clock: Source | None
 
     def _record(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any) -> None:
-        """Checks and keeps the arguments of an instrument, with values of this shape at each time."""
+        """Checks and stores the arguments of an instrument, with values of this shape at each time."""
         self.times, self.values, self.present = rows(times, values, shape)
         self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
 
 
 class Expected(Recorded):
-    """A measurement whose residual at each time depends on the state at this time alone."""
+    """A measurement whose residual at each time depends only on the state at this time."""
 
     @abstractmethod
     def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
-        """What the instrument should show at one time, of the shape of one value."""
+        """The expected value of the instrument at one time, of the shape of one value."""
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         times = self.times_of_model(parameters)
@@ -152,8 +152,8 @@ class Observed(Expected):
 
     Write it with `jax.numpy`, as a pure function. It does not get the torque. By Euler's equations the angular
     acceleration is `body.velocity(jnp.cross(state.momentum, rates) + moment)`, with the moment (3,) of the model's
-    torque, zero for a free body. Pass the same function again to reuse what was compiled. A function that holds arrays,
-    to be mapped over or differentiated, is an `equinox.Module` with `__call__`, or a `jax.tree_util.Partial`.
+    torque, zero for a free body. Pass the same function to reuse the compiled program. A function with arrays to be
+    mapped over or differentiated is an `equinox.Module` with `__call__`, or a `jax.tree_util.Partial`.
 
     Args:
         times: (n,), ascending.
@@ -181,7 +181,7 @@ class Observed(Expected):
     def __init__(self, times: Any, values: Any, sigma: Any, function: Callable[..., Any] | Any, *, clock: Part = None):
         require_function("function", function, _ARGUMENTS)
         self._record(times, values, sigma, as_floats("values", values).shape[1:], clock)
-        # The arrays of a function that holds some are arrays of the measurement; a plain function is static.
+        # The arrays of a function are arrays of the measurement; a plain function is static.
         holds = isinstance(function, eqx.Module | jax.tree_util.Partial)
         self.function = cast(Callable[..., Any], function if holds else jax.tree_util.Partial(function))
 
@@ -192,7 +192,7 @@ class Observed(Expected):
         return jnp.asarray(self.function(t, state, body, parameters))
 
     def check(self, parameters: Any, body: Any, start: AnyState) -> None:
-        """Raises a ValueError unless the function suits the values, by its value for the first state."""
+        """Raises a ValueError unless the function fits the values, by its value for the first state."""
         try:
             found = jax.eval_shape(self.expected, self.times[0], start, body, parameters)
         except KeyError as error:
@@ -211,7 +211,7 @@ class Observed(Expected):
 
 
 def rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:
-    """Times, values with zeros where missing, and which are present; with `whole`, only rows without a NaN are."""
+    """Times, values with zeros where missing, and which are present; with `whole`, only rows without a NaN."""
     t, array = as_floats("times", times), as_floats("values", values)
     if t.ndim != 1 or not t.size:
         raise ValueError(f"times must have shape (n,) with n >= 1, got {t.shape}; give at least one row.")

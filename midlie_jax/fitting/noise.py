@@ -1,8 +1,8 @@
-"""Whether what a fit leaves can be noise: a verdict in the compiled fit, and reasons to doubt a fit that converged.
+"""Whether the residuals of a fit can be noise: a verdict in the compiled fit, and reasons for doubt.
 
 Known sigmas are tested by chi-squared. If sigmas are known up to a factor only, the residuals must be small relative to
-the signal. Residuals that are not small relative to the changes of the signal must at least not be correlated, because
-noise of any size is not. `doubts` lists outliers and correlated residuals, `aliases_of` rows that are far apart.
+the signal. Residuals that are not small relative to the changes of the signal must at least be uncorrelated, like noise
+of any size. `doubts` lists outliers and correlated residuals, `aliases_of` rows that are far apart.
 """
 
 import math
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
-from scipy.special import ndtri  # SciPy comes with JAX
+from scipy.special import ndtri  # SciPy is a dependency of JAX
 
 from ..model import so3
 from ..model.bodies import principal_of
@@ -28,25 +28,25 @@ _LARGE = 0.3  # residuals above this share are not small
 _QUANTILE = 4.753424  # of the normal distribution, for a chance of 1e-6
 _INACCURATE = 1.1  # the factor by which known sigmas may be too small
 _LAGS = (1, 8)
-_CHANCE = 1e-5  # the probability that noise has a value that counts as far off
+_CHANCE = 1e-5  # the probability of an outlier in noise
 _SPREAD = 1.15  # the factor by which the deviation of few values may be underestimated
-_MANY = 50  # rows from which on each component has a deviation of its own
+_MANY = 50  # from this number of rows, each component has its own deviation
 _WINDOW = 5.0  # correlation times over which the correlations are summed
 _NARROW = 1.1  # smaller factors are not reported
-_LISTED = 50  # the most rows that a text lists
+_LISTED = 50  # the largest number of rows in a text
 _MOST_TURNS = 0.5  # between two rows
 
 
 class Remainder(NamedTuple):
-    """What a fit leaves of one measurement: sums of squares over the present values, all over sigma."""
+    """The residuals of one measurement: sums of squares over the present values, all over sigma."""
 
     left: Float[Array, ""]  # of the residuals; zero if they are no larger than the tolerance of the optimiser
-    # Of what was measured: rates and accelerations without their bias, angles of one radian, and all other values
+    # The measured values: rates and accelerations without their bias, angles of one radian, and all other values
     # relative to their mean.
     signal: Float[Array, ""]
-    spread: Float[Array, ""]  # of what was measured, relative to its mean
+    spread: Float[Array, ""]  # of the measured values, relative to their mean
     angles: bool  # whether the residuals are angles
-    structured: Bool[Array, ""]  # whether the model leaves out a large share of how the signal changes
+    structured: Bool[Array, ""]  # whether the model omits a large share of the changes of the signal
     turned: Bool[Array, ""]  # whether the residuals are angles that are not small
 
 
@@ -65,7 +65,7 @@ def explained(remainders: Sequence[Remainder]) -> Bool[Array, ""]:
 def remainders_of(
     measurements: Sequence[Measurement], residuals: Float[Array, " r"], parameters: Any
 ) -> list[Remainder]:
-    """What a fit leaves of each measurement, from all residuals over sigma and the values of the parameters."""
+    """The remainder of each measurement, from all residuals over sigma and the values of the parameters."""
     ends = np.cumsum([m.present.size for m in measurements])
     return [
         _remainder(m, residuals[end - m.present.size : end].reshape(m.present.shape), parameters)
@@ -111,7 +111,7 @@ def _relative_to_mean(m: Measurement, values: Array) -> Array:
         unit = values / jnp.maximum(jnp.linalg.norm(values, axis=-1, keepdims=True), jnp.finfo(values.dtype).tiny)
         off = jnp.linalg.norm(_centred(unit, m.present[:, :1]), axis=-1, keepdims=True)
         return jnp.broadcast_to(off / jnp.sqrt(jnp.asarray(2, off.dtype)), m.present.shape)
-    if values.shape != m.present.shape:  # residuals of another form, of a custom measurement
+    if values.shape != m.present.shape:  # residuals of another form, from a custom measurement
         return jnp.broadcast_to(jnp.sqrt(jnp.mean(values**2)), m.present.shape)
     return _centred(values, m.present)
 
@@ -138,7 +138,7 @@ def _correlated(over_sigma: Array, present: Array) -> Bool[Array, ""]:
 class Doubt(NamedTuple):
     """Why a fit may be wrong although it converged."""
 
-    text: str  # what the residuals show
+    text: str  # the evidence in the residuals
     measurement: int | None  # the index of the measurement, or None if it concerns all
     rows: tuple[int, ...] = ()  # of the values in question; empty if there are no single values
 
@@ -180,7 +180,7 @@ def _far(measurement: Measurement, far: list[tuple[int, float]]) -> str:
 
 
 def _outliers(rows: np.ndarray) -> list[tuple[int, float]]:
-    """The rows that are far off, and the distance of each in units of the usual deviation."""
+    """The rows of outliers, and the distance of each in units of the usual deviation."""
     sizes = np.abs(rows)
     if np.sum(np.isfinite(sizes)) < _FEW:
         return []
@@ -194,7 +194,7 @@ def _outliers(rows: np.ndarray) -> list[tuple[int, float]]:
 
 
 def _correlation(rows: np.ndarray) -> float | None:
-    """The mean correlation with the next row, or with the next eight, if chance does not explain it; else None."""
+    """The mean correlation with the next row, or with the next eight, if it exceeds chance; else None."""
     for lags in _LAGS:
         if len(rows) > 4 * lags and len(rows) >= _FEW:
             mean = float(np.mean([_at(rows, lag) for lag in range(1, lags + 1)]))
@@ -220,8 +220,8 @@ def _at(rows: np.ndarray, lag: int) -> float:
 def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any) -> str:
     """A message if a body rotates by more than half a revolution between rows, so that other values may fit; or "".
 
-    Rates alone, of a free body, only need rows as dense as the rates change: a body that spins fast about an axis of
-    symmetry may turn many times between them.
+    The rates of a free body need only rows dense enough for the changes of the rates; a body that spins fast about an
+    axis of symmetry may rotate many times between them.
     """
     body, torque, start = model(values)
     if not np.all(np.isfinite(start.momentum)):
@@ -255,7 +255,7 @@ def _times(m: Measurement) -> np.ndarray:
 
 
 def _speed(measurements: list[Measurement], body: Any, state: Any, values: Any) -> float:
-    """The usual measured speed; the speed at the start where no rates are measured."""
+    """The usual measured speed; the initial speed if no rates are measured."""
     for m in measurements:
         if isinstance(m, Rates):
             bias = 0.0 if m.bias is None else np.asarray(m.bias(values))

@@ -1,6 +1,6 @@
-"""What a fit looks for: parameters, each a smooth one-to-one map from unconstrained numbers onto physical values.
+"""The unknowns of a fit: parameters, each a smooth one-to-one map from unconstrained numbers to physical values.
 
-The optimiser changes the unconstrained numbers only, so every body that it tries can exist. `Layout` joins the numbers
+The optimiser changes only the unconstrained numbers, so every body that it tries can exist. `Layout` joins the numbers
 of all parameters of a guess in one vector and names them.
 """
 
@@ -25,10 +25,10 @@ _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, 
 
 
 class Parameter(eqx.Module):
-    """One quantity to be estimated; `initial` is the guess from which the fit starts.
+    """One quantity to be estimated; `initial` is the guess of the fit.
 
-    Two sets of numbers describe a value: the *unconstrained* vector (size,), which the optimiser varies, and the
-    *coordinates* (k,), the physical numbers in which the result and its covariance are given.
+    Two sets of numbers describe a value. The optimiser varies the *unconstrained* vector (size,). The *coordinates*
+    (k,) are the physical numbers of the result and its covariance.
 
     Attributes:
         initial: the guess, in the unit of the value.
@@ -131,8 +131,8 @@ class Moments(Parameter):
     """Principal moments of inertia (3,), mass x length^2: positive, each less than the sum of the other two.
 
     I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. Their logarithms
-    are the three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the guess, and
-    log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios only.
+    are the three unconstrained numbers. With `scale="fixed"` the sum of the moments is fixed by the guess, and log(a/c)
+    and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios only.
 
     Args:
         initial: the guess, (3,).
@@ -179,15 +179,15 @@ class InertiaTensor(Parameter):
 
     A tensor J belongs to a body if and only if its second moments of mass, Sigma = tr(J)/2 - J, are positive definite.
     Sigma = L L^T with a lower triangular L (log-Cholesky form); the logarithms of its diagonal are three of the six
-    unconstrained numbers. With `scale="fixed"` the trace of J stays that of the guess and five numbers are left. Mass
-    and centre of mass matter only through the torque; make them separate parameters.
+    unconstrained numbers. With `scale="fixed"` the trace of J is fixed by the guess and five numbers are left. Mass and
+    centre of mass enter only through the torque; make them separate parameters.
 
     C. Rucker, P. M. Wensing, IEEE Robotics and Automation Letters 7 (2022) 2431; P. M. Wensing, S. Kim,
     J.-J. E. Slotine, IEEE Robotics and Automation Letters 3 (2018) 60.
 
     Args:
-        initial: the guess, (3, 3), symmetric. Its moments must differ: derivatives of principal axes are NaN where
-            moments are equal.
+        initial: the guess, (3, 3), symmetric. Its moments must differ, because derivatives of principal axes are NaN
+            for equal moments.
         scale: "free", or "fixed" to estimate the tensor up to a factor.
 
     Raises:
@@ -281,7 +281,7 @@ class UnitQuaternion(Parameter):
 
 
 class UnitVector(Parameter):
-    """A direction, such as that of a field in the body frame: the guess rotated by u, perpendicular to it.
+    """A direction, such as of a field in the body frame: the guess rotated by u, perpendicular to it.
 
     u is in radians, with two components along fixed directions that are perpendicular to the guess and to each other;
     the map is one-to-one for |u| < pi. The coordinates are the three components of the vector.
@@ -334,7 +334,7 @@ class UnitVector(Parameter):
 class Layout(eqx.Module):
     """The parameters of a guess, a pytree whose leaves are `Parameter`s, in the order of the leaves.
 
-    Its methods join what the methods of the same name of `Parameter` give; `values` has the structure of the guess.
+    Its methods join the results of the `Parameter` methods of the same name; `values` has the structure of the guess.
     """
 
     guess: Any
@@ -379,7 +379,7 @@ class Layout(eqx.Module):
 
     @classmethod
     def checked(cls, guess: Any) -> "Layout":
-        """The layout of a guess; a ValueError if a leaf is not a `Parameter`, or if there is none."""
+        """The layout of a guess; raises a ValueError if a leaf is not a `Parameter`, or if there is none."""
         layout = cls(guess)
         named = layout.named()
         if not named:

@@ -1,8 +1,8 @@
-"""What a fit minimises: the residuals of all measurements as a pure function of one vector, and their Jacobian.
+"""The function that a fit minimises: the residuals of all measurements for one vector, and their Jacobian.
 
-With one segment the vector holds the parameters. With several (multiple shooting) the states at the starts of the
-second and later segments are further unknowns, appended to the vector; the differences between the end of a segment and
-the start of the next are further residuals.
+With one segment the vector holds the parameters. With several (multiple shooting) the initial states of the second and
+later segments are further unknowns, appended to the vector. The differences between the end of a segment and the
+beginning of the next are further residuals.
 
 H. G. Bock, Recent advances in parameter identification techniques for O.D.E., in Numerical Treatment of Inverse
 Problems in Differential and Integral Equations (Birkhäuser 1983) 95.
@@ -30,17 +30,17 @@ Model = Callable[[Any], tuple[Any, Any, AnyState]]
 
 
 class Data(eqx.Module):
-    """What the residuals depend on besides the unknowns; every array may be mapped over."""
+    """The inputs of the residuals besides the unknowns; every array may be mapped over."""
 
     layout: Layout
     measurements: tuple[Measurement, ...]
-    # With multiple shooting, reference states (segments - 1, ...): the unknowns are increments from them to the starts
-    # of the second and later segments.
+    # With multiple shooting, reference states (segments - 1, ...): the unknowns are increments from them to the initial
+    # states of the second and later segments.
     anchors: AnyState | None = None
 
 
 class Problem(eqx.Module):
-    """The fixed part of a fit: made and checked once, and the same for all data sets."""
+    """The fixed part of a fit, made and checked once, and the same for all data sets."""
 
     model: Model = eqx.field(static=True)  # from values of the parameters to (body, torque, start)
     method: Method = eqx.field(static=True)
@@ -52,7 +52,7 @@ class Problem(eqx.Module):
         return replace(self, grid=self.grid.whole())
 
     def run(self, vector: Float[Array, " u"], data: Data) -> tuple[Any, Any, Any, AnyState]:
-        """The values of the parameters, the body, the torque with the paths of the segments, and their starts."""
+        """The values of the parameters, the body, the torque with the paths of the segments, and the initial states."""
         count = data.layout.size
         values = data.layout.values(vector[:count])
         body, torque, start = self.model(values)
@@ -83,10 +83,10 @@ class Problem(eqx.Module):
         return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok)
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
-        """The data with anchors, taken from the measurements as far as these determine the states.
+        """The data with anchors, taken from the measurements if these determine the states.
 
-        Angular velocities are those of the nearest row of a `Rates`, attitudes those of the nearest row of an
-        `Attitudes`; everything else is from the run of the guess.
+        Angular velocities are taken from the nearest row of a `Rates`, attitudes from the nearest row of an
+        `Attitudes`; everything else is taken from the run of the guess.
         """
         values, body, (_, path), _ = self.single().run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
@@ -103,7 +103,7 @@ class Problem(eqx.Module):
 
 
 def _nearest(measurement: Measurement, times: Float[Array, " s"]) -> Int[Array, " s"]:
-    """For each time, the nearest row of the measurement that is complete."""
+    """For each time, the nearest complete row of the measurement."""
     missing = ~jnp.all(measurement.present, axis=-1)
     distances = jnp.abs(measurement.times[None] - times[:, None])
     return jnp.argmin(jnp.where(missing[None], jnp.full_like(distances, jnp.inf), distances), axis=-1)
@@ -137,7 +137,7 @@ def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tup
 def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> Array:
     """`Problem.residuals`, whose derivative with respect to the vector is always computed in forward mode.
 
-    Without this, a custom solver would store every intermediate of the run; here it stores the Jacobian.
+    Without this, a custom solver would store every intermediate result of the run; here it stores the Jacobian.
     """
     return problem.residuals(vector, data)[0]
 

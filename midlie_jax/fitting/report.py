@@ -1,6 +1,6 @@
-"""What `fit` returns: the estimate with the names of its numbers, and in words what went wrong and what may be wrong.
+"""The result of `fit`: the estimate with names, and in words the failures and doubts.
 
-The words are computed after the fit, so that a successful fit does not pay for them.
+The words are computed after the fit, so that a successful fit takes no time for them.
 """
 
 import math
@@ -20,8 +20,8 @@ from .parameters import InertiaTensor, Layout, Moments, flatness
 from .problem import Data
 from .solve import Plan
 
-_FLAT = 1e-3  # if I1 + I2 - I3 is a smaller share of the sum, the optimum may not be reached, nor its interval valid
-_SHARE = 0.5  # share of the method's reach that a step may use, because a body may later rotate faster
+_FLAT = 1e-3  # for a smaller share I1 + I2 - I3 of the sum, optimum and interval may be invalid
+_SHARE = 0.5  # share of the method's reach for a step, because a body may later rotate faster
 
 
 class Fit:
@@ -32,17 +32,17 @@ class Fit:
         values: the values of the parameters, of the structure of the guess.
         names: (k,), the names of the coordinates, such as "moments[0]".
         coordinates, covariance, intervals: (k,), (k, k) and (k, 2), see `Estimate`.
-        rms: root mean square of the residuals over sigma; near 1 if model and sigmas are right.
+        rms: root mean square of the residuals over sigma; near 1 if model and sigmas are correct.
         dof: degrees of freedom.
         steps: number of steps of the optimiser.
-        rank, condition: those of the Jacobian with columns of length one.
-        confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
+        rank, condition: rank and condition number of the Jacobian with columns of length one.
+        confounded: the groups of unconstrained numbers that are not identifiable; empty if all are determined.
         aliases: how often the body rotates between rows, if by more than half a revolution, so that other values may
             fit as well; "" otherwise.
         flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
-        ok: whether the fit ended as it should: `result` is `Result.FITTED`.
+        ok: whether the fit ended normally: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
-        message: what went wrong, with the time, the names or the numbers, and a remedy.
+        message: what failed, with the time, the names or the numbers, and a remedy.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -85,8 +85,8 @@ class Fit:
     def doubts(self) -> list[str]:
         """Why the values or the intervals may be wrong even if `ok` is True; empty if there is no reason to doubt.
 
-        It names all values that are far off the others; neighbouring residuals that are correlated, and the factor by
-        which this makes the intervals too narrow; and rows so far apart that other values may fit as well.
+        It names all outliers; correlated neighbouring residuals, and the factor by which they make the intervals too
+        narrow; and rows so far apart that other values may fit as well.
         """
         return [doubt.text for doubt in self.doubtful()]
 
@@ -100,9 +100,9 @@ class Fit:
         """The names of the inertias that the data hardly distinguish from the inertia of a flat body, I3 = I1 + I2.
 
         For these, I1 + I2 - I3 is less than the width of its interval, or than 1e-3 of the sum of the moments. A flat
-        body is a limit that the parameters cannot reach: the optimiser approaches it in ever smaller steps and may end
-        without having converged. If the body is flat, make two `Positive` moments the parameters, and their sum the
-        third moment.
+        body is a limit that the parameters cannot reach. The optimiser approaches it in ever smaller steps and may end
+        without convergence. If the body is flat, make two `Positive` moments the parameters, and their sum the third
+        moment.
         """
         found: list[str] = []
         for place, (name, parameter) in enumerate(self._layout.named()):
@@ -120,14 +120,14 @@ class Fit:
 
         Returns:
             The quantity, and its interval with a last axis (2,). The interval is infinite if the data do not determine
-            the quantity; they may determine a ratio of moments and not the moments.
+            the quantity. They may determine a ratio of moments but not the moments.
         """
         estimate = self.estimate
 
         def flat(vector: jax.Array) -> jax.Array:
             return function(self._layout.values(vector)).reshape(-1)
 
-        @jax.jit  # one small program instead of one for each operation
+        @jax.jit  # one small program instead of one per operation
         def both(vector: jax.Array) -> tuple[jax.Array, jax.Array]:
             return flat(vector), jax.jacfwd(flat)(vector)
 
@@ -139,16 +139,16 @@ class Fit:
         return centre.reshape(shape), np.stack([centre - half, centre + half], axis=-1).reshape(*shape, 2)
 
     def draws(self, count: int, seed: int = 0) -> Any:
-        """Values that the data allow, for predictions that follow from them.
+        """Values consistent with the data, for predictions that follow from them.
 
         They are drawn from a normal distribution of the unconstrained numbers about the estimate, with the covariance
-        of the fit: right to first order, as the intervals are. `jax.vmap(predicted)(result.draws(1000))` maps a
-        prediction over them. Where sigmas are estimated from few data, the intervals, by Student's t, are wider than
+        of the fit. Like the intervals, they are correct to first order. `jax.vmap(predicted)(result.draws(1000))` maps
+        a prediction over them. If sigmas are estimated from few data, the intervals, by Student's t, are wider than
         these draws.
 
         Args:
-            count: how many are drawn.
-            seed: of NumPy's generator.
+            count: number of draws.
+            seed: seed of NumPy's generator.
 
         Returns:
             The values, of the structure of the guess, with a leading axis (count,).
@@ -233,7 +233,7 @@ def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) ->
 
 
 def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
-    """How large the residuals are, and what to check; nothing if they can be noise."""
+    """The size of the residuals, and what to check; nothing if they can be noise."""
     listed = [of_which(m)[1] for m in data.measurements]
     squares, dof = jnp.sum(estimate.residuals**2), max(int(estimate.dof), 1)
     if not jnp.isfinite(squares):
@@ -252,7 +252,7 @@ def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
     remainders = remainders_of(data.measurements, estimate.residuals, estimate.values)
     if explained(remainders):
         return []
-    # Measurements that cannot be noise on their own count first, then those with larger residuals.
+    # Measurements that cannot be noise on their own are listed first, then measurements with larger residuals.
     worst, kind = max(
         zip(remainders, listed, strict=True), key=lambda x: (bool(x[0].structured | x[0].turned), float(x[0].left))
     )
@@ -265,7 +265,7 @@ def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
 
 
 def _share(remainder: Remainder, measurement: Measurement) -> tuple[float, str]:
-    """The size of the residuals relative to something, and what that is."""
+    """The size of the residuals relative to a reference, and the name of the reference."""
     whole, of_what = remainder.spread, "the changes of what was measured"
     if remainder.angles and bool(remainder.turned | ~remainder.structured):
         whole, of_what = remainder.signal, "a radian"
@@ -275,7 +275,7 @@ def _share(remainder: Remainder, measurement: Measurement) -> tuple[float, str]:
 
 
 def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
-    """At which time the run of the best parameters failed, and a step with which it should not."""
+    """The time at which the run of the best parameters failed, and a step that should work."""
     problem = plan.problem.single()
     dt, method = problem.grid.dt, problem.method
     _, body, (_, paths), _ = problem.run(estimate.vector, data)

@@ -1,7 +1,7 @@
 """The states of a run at any times: on a grid of steps, and between grid times by one shorter step of the method.
 
-The shorter step has the method's order and stays on the group, and unlike an interpolation it needs no neighbouring
-states. It is differentiable like any step.
+The shorter step has the method's order and stays on the group. Unlike an interpolation it needs no neighbouring states.
+It is differentiable like any step.
 """
 
 import math
@@ -24,8 +24,8 @@ from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import StateT
 
-# A time is on the grid if it is off by less than the first number, as a share of a step, plus the rounding of the time;
-# but never by more than the second. All other times are reached by a shorter step, which is always correct.
+# A time is on the grid if its distance is less than the first number, as a share of a step, plus the rounding of the
+# time; but never more than the second. All other times are reached by a shorter step, which is always correct.
 _ON_GRID, _MOST_OFF = {"float64": 1e-9, "float32": 1e-4}, 0.05
 _MARGIN, _LONGEST = 8, 2.0  # steps after the last time if a clock is fitted; the longest last step, in steps
 
@@ -34,15 +34,15 @@ class Grid(eqx.Module):
     """The steps of a run, cut into equal segments that can be integrated side by side."""
 
     dt: float = eqx.field(static=True)
-    t0: float = eqx.field(static=True)  # the time of the start
+    t0: float = eqx.field(static=True)  # the time of the initial state
     steps: int = eqx.field(static=True)  # of each segment
     segments: int = eqx.field(static=True)
-    every: int = eqx.field(static=True)  # the steps from one saved state to the next; divides `steps`
+    every: int = eqx.field(static=True)  # the steps between saved states; divides `steps`
     exact: bool = eqx.field(static=True)  # whether all times lie on saved states, so that no shorter step is needed
 
     @classmethod
     def of(cls, times: np.ndarray, dt: float, t0: float, segments: int = 1, moving: bool = False) -> "Grid":
-        """The grid that reaches the last of the times (n,); `moving` ones may move by a few steps with a clock."""
+        """The grid that reaches the last of the times (n,); a clock may shift `moving` ones by a few steps."""
         tolerance = _ON_GRID[times.dtype.name]
         offsets = (np.asarray(times, np.float64) - t0) / dt
         least = max(1, math.ceil(float(offsets.max()) - tolerance)) + _MARGIN * moving
@@ -66,7 +66,7 @@ class Grid(eqx.Module):
         return segment, (index - segment * self.steps) // self.every
 
     def run(self, method: Method, body: Any, torque: Any, starts: StateT) -> Path[StateT]:
-        """The paths of all segments, (segments, saved, ...), from their starts (segments, ...)."""
+        """The paths of all segments, (segments, saved, ...), from their initial states (segments, ...)."""
 
         def segment(start: StateT, first: Array) -> Path[StateT]:
             every, t0 = self.every, self.t0
@@ -106,14 +106,14 @@ def states_at(
 ) -> Path[StateT]:
     """The states of one run at any ascending times, accurate to the order of the method.
 
-    The run takes steps of `dt`; a time within a step is reached from the start of that step by one shorter step.
-    Differentiable in body, torque and start.
+    The run takes steps of `dt`; a time within a step is reached from the beginning of that step by one shorter step.
+    Differentiable with respect to body, torque and initial state.
 
     Args:
         method, body, torque, start: as for `midlie_jax.integrate`.
         times: (n,), ascending, not before `t0`; concrete, because they decide the number of steps.
         dt: the step, positive.
-        t0: the time of the start.
+        t0: the time of the initial state.
 
     Returns:
         The path at `times`. `ok` is False if a step failed or a number was not finite.
@@ -129,7 +129,7 @@ def states_at(
     """
     if is_traced(times):
         raise ValueError("times must be concrete, got a traced array; close over them.")
-    known = np.asarray(times, start.momentum.dtype)  # of NumPy, because inside jit an array of JAX would be traced
+    known = np.asarray(times, start.momentum.dtype)  # of NumPy, because inside jit a JAX array would be traced
     if known.ndim != 1 or not known.size:
         raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")
     require_finite("times", known)
@@ -146,7 +146,7 @@ def states_at(
 
 
 def check_grid(times: np.ndarray, dt: Any, t0: Any) -> None:
-    """Raises a ValueError unless the step is positive and moves the clock, and no time is before the start."""
+    """Raises a ValueError unless the step is positive and changes the time, and no time is before the initial one."""
     if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be a positive finite Python number, got {dt!r}.")
     if not (isinstance(t0, (int, float)) and math.isfinite(t0)):

@@ -1,11 +1,11 @@
-"""How the least sum of squares is found: Levenberg and Marquardt's method, one step as a pure function.
+"""The search for the least sum of squares: the Levenberg-Marquardt method, one step as a pure function.
 
-A run of a body and its derivative take seconds to compile, so the step holds their only copy: it computes the Jacobian
+A run of a body and its derivative take seconds to compile, so the step holds their only copy. It computes the Jacobian
 at each point where it evaluates the residuals. The first Jacobian gives the scale of the unknowns, the last one the
 covariance. `solved` calls the compiled step from Python, where it can be stopped and show progress; `fit_arrays` calls
 it in a loop, in one pure function. Hard problems are solved in stages, each from the result of the previous one.
 
-The trust region is that of N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4OR 3 (2005) 227.
+The trust region follows N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4OR 3 (2005) 227.
 """
 
 import math
@@ -30,17 +30,17 @@ from .problem import Data, Problem, jacobian_of, residuals
 # solver(residuals, start, max_steps) -> (optimum, steps, converged)
 Solver = Callable[[Callable[[Array], Array], Array, int], tuple[Array, Any, Any]]
 _TOLERANCE = {"float64": 1e-8, "float32": 1e-3}
-_GOOD, _POOR = 0.99, 0.01  # a step is good or poor by the decrease of the loss over that of the linear model
+_GOOD, _POOR = 0.99, 0.01  # a step is judged by the decrease of the loss over the linear prediction
 _WIDER, _NARROWER = 3.5, 0.25
 
 
 class Plan(eqx.Module):
-    """A problem, and how it is solved: what `prepare` returns and `fit_arrays` takes.
+    """A problem and its solver: the result of `prepare` and the argument of `fit_arrays`.
 
     Attributes:
         problem: the problem, with the segments of multiple shooting if there are any.
-        solver: a function, see `fit`, or None for Levenberg and Marquardt's method.
-        starts: (s, p), increments of the unconstrained numbers of the guess, one row for each start.
+        solver: a function, see `fit`, or None for the Levenberg-Marquardt method.
+        starts: (s, p), increments of the unconstrained numbers of the guess, one row per initial guess.
         max_steps: the most steps of the optimiser.
         absolute_sigma: whether the sigmas are known, see `fit`.
 
@@ -62,31 +62,31 @@ class Plan(eqx.Module):
 
 
 class Search(eqx.Module):
-    """Where a search for the least sum of squares stands.
+    """The state of a search for the least sum of squares.
 
-    The unknowns are scaled such that at the start a change of one unknown by 1 changes the vector of residuals by a
-    length of one standard deviation. So neither the units nor the number of data matter for the tolerances and for the
-    damping, which starts at the diagonal of J^T J. A weaker damping would save steps near the optimum, but from guesses
-    further off it leads to other minima.
+    The unknowns are scaled such that at the initial guess a change of one unknown by 1 changes the vector of residuals
+    by a length of one standard deviation. Tolerances and damping are therefore independent of units and of the number
+    of data. The initial damping is the diagonal of J^T J. A weaker damping would save steps near the optimum, but from
+    more distant guesses it leads to other minima.
 
-    Leading axes, if any, are those of several starts. The unknowns at a place are `start + place / lengths`.
+    Leading axes, if any, belong to several initial guesses. The unknowns at a place are `start + place / lengths`.
     """
 
     start: Float[Array, "*s u"]
     lengths: Float[Array, "*s u"]  # the scale
-    place: Float[Array, "*s u"]  # the best so far
+    place: Float[Array, "*s u"]  # the best one so far
     residuals: Float[Array, "*s r"]  # at the best place
     triangle: Float[Array, "*s u u"]  # the triangular factor R of the scaled Jacobian there, J = Q R
     turned: Float[Array, "*s u"]  # Q^T times the residuals
     good: Bool[Array, "*s"]  # whether every step of the run there was good
-    trial: Float[Array, "*s u"]  # the place where the next step evaluates the residuals
+    trial: Float[Array, "*s u"]  # the place of the next evaluation of the residuals
     promised: Float[Array, "*s"]  # the change of the loss at the trial by the linear model; negative
     size: Float[Array, "*s"]  # one over the damping
     relative: float = eqx.field(static=True)  # changes that count as none, relative to a number
     absolute: Float[Array, "*s"]  # and in absolute terms
-    steps: Int[Array, "*s"]  # how often the residuals were evaluated
+    steps: Int[Array, "*s"]  # number of evaluations of the residuals
     converged: Bool[Array, "*s"]
-    finished: Bool[Array, "*s"]  # it converged, or the run from the start is not finite
+    finished: Bool[Array, "*s"]  # it converged, or the initial run is not finite
 
     @property
     def vector(self) -> Float[Array, "*s u"]:
@@ -100,7 +100,7 @@ class Search(eqx.Module):
 
 
 def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
-    """The search of a stage, which has evaluated nothing yet."""
+    """The search of a stage before any evaluation."""
     count = sum(m.present.size for m in data.measurements) + start.size - data.layout.size
     dtype, zeros = start.dtype, jnp.zeros_like(start)
     zero, no, least = jnp.zeros((), dtype), jnp.zeros((), bool), _TOLERANCE[dtype.name]
@@ -116,7 +116,7 @@ def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
 
 
 def look(search: Search, data: Data, problem: Problem) -> Search:
-    """The search after it has evaluated the residuals at its trial; the same search if it was finished."""
+    """The search after an evaluation of the residuals at its trial; unchanged if it was finished."""
     first = search.steps == 0
     trial = search.start + search.trial / search.lengths
     found, good, jacobian = jacobian_of(trial, data, problem)
@@ -169,7 +169,7 @@ def _small(change: Array, value: Array, search: Search) -> Bool[Array, ""]:
 
 
 def _stages(plan: Plan, data: Data, ends: Sequence[float] = ()) -> list[tuple[Problem, Data]]:
-    """What is minimised, each from the result of the previous one; the last gives the maximum-likelihood estimate.
+    """The stages of the minimisation, each from the previous result; the last is the maximum-likelihood estimate.
 
     With several segments, multiple shooting is first. Then only the values up to each of the `ends` are fitted.
     """
@@ -185,7 +185,7 @@ def _stages(plan: Plan, data: Data, ends: Sequence[float] = ()) -> list[tuple[Pr
 
 
 def _entered(problem: Problem, data: Data, vector: Float[Array, " p"]) -> tuple[Data, Float[Array, " u"]]:
-    """The data of a stage, with the anchors of multiple shooting, and its unknowns at a vector of the parameters."""
+    """The data of a stage, with the anchors of multiple shooting, and its unknowns for a vector of the parameters."""
     if problem.grid.segments == 1:
         return data, vector
     anchored = problem.anchored(data, vector)
@@ -200,20 +200,20 @@ def _starts(plan: Plan, data: Data) -> Float[Array, "s p"]:
 
 
 def _over_starts(several: bool, function: Any) -> Any:
-    """A function of one start, mapped over all starts; a single start is not mapped, which compiles faster."""
+    """A function of one initial guess, mapped over all; a single one is not mapped, which compiles faster."""
     if several:
         return jax.vmap(function)
     return lambda *rows: jax.tree.map(lambda x: x[None], function(*jax.tree.map(lambda x: x[0], rows)))
 
 
 def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Measurement]) -> Estimate:
-    """Fits one data set; compile it with `jax.jit` and map it over data sets with `jax.vmap`. Raises nothing.
+    """Fits one data set, without exceptions; compile it with `jax.jit` and map it over data sets with `jax.vmap`.
 
     Args:
         plan: from `prepare`, for data of the same shapes.
         guess: a pytree of parameters.
-        measurements: the measurements. Times may differ from those with which `prepare` was called, but must not lie
-            after the last of those, and must lie on the grid if those did.
+        measurements: the measurements. Times may differ from the times given to `prepare`, but must not lie after the
+            last of them, and must lie on the grid if they did.
 
     Returns:
         The estimate; check `ok`.
@@ -255,7 +255,7 @@ def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u
 
 
 def _by_solver(solver: Solver, max_steps: int, problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
-    """By a custom solver, which sees the unknowns in the scale of `Search` and JAX's default dtype."""
+    """By a custom solver, which uses the unknowns in the scale of `Search` and JAX's default dtype."""
     lengths = lengths_of(jacobian_of(start, data, problem)[2])
 
     def scaled(z: Array) -> Array:
@@ -270,7 +270,7 @@ def _by_solver(solver: Solver, max_steps: int, problem: Problem, data: Data, sta
 
 
 def _best(absolute_sigma: bool, data: Data, found: Search) -> Estimate:
-    """The estimate from the best of the searches (s, ...); one that did not converge counts only if no other did."""
+    """The estimate from the best of the searches (s, ...); one that did not converge is used only if none did."""
     losses = jnp.where(jnp.isnan(found.loss), jnp.full_like(found.loss, jnp.inf), found.loss)
     first = jnp.lexsort((losses, ~found.converged))[0]
     best: Search = jax.tree.map(lambda x: x[first], found)
@@ -309,7 +309,7 @@ def solved(
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
-# The programs get only those parts of the plan that they need: for any change of another part they would be compiled
+# The programs get only the parts of the plan that they need, because a change of any other part would compile them
 # again.
 _whole = exact_jit(fit_arrays)
 _estimate = exact_jit(_best)
