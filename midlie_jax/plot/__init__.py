@@ -1,11 +1,11 @@
 """Pictures of motions on matplotlib's axes, and animations of motions (extra `plot`).
 
-`import midlie_jax` imports neither this folder nor matplotlib nor plotly; each is imported when it is first needed.
+`import midlie_jax` imports neither this folder nor matplotlib nor plotly; each is imported on first use.
 
 Modules: on the user's axes `bands` (quantiles of an ensemble), `curves` (`axis_path`, `polhode` and `track`),
-`conservation` (`conserved`) and `poincare`; files `animate` (GIF, by `drawing`) and `view` (HTML), both of scenes in
-`model`. Below them: `motion` (the part of a path that can be trusted), `solids` (how bodies are drawn), `artists` (for
-3-D axes), `labels` (names of lines) and `style`. `cli` also uses these lower modules.
+`conservation` (`conserved`) and `poincare`; files `animate` (GIF, by `drawing`) and `view` (HTML), both from scenes in
+`model`. Lower modules: `motion` (the trustworthy part of a path), `solids` (shapes of bodies), `artists` (for 3-D
+axes), `labels` (names of lines) and `style`. `cli` also uses the lower modules.
 """
 
 from .animate import animate as animate

@@ -1,4 +1,4 @@
-"""`animate`: rotating bodies as a GIF, made with matplotlib and Pillow alone."""
+"""`animate`: rotating bodies as a GIF, made only with matplotlib and Pillow."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from .style import BLUE, SKY, new_figure, time_text
 _DPI = 80
 _TEXT = 9  # font size, points
 _LINE, _LETTER = 14, 5.6  # height of a line of text, and mean width of a letter, pixels
-_CLOCK = 14  # letters of a clock and of a gap beside it
+_CLOCK = 14  # letters of a clock and of the gap next to it
 _STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
@@ -39,41 +39,41 @@ def animate(
 ) -> Path:
     """Writes a GIF of a rotating body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
-    A body that translates is drawn at its position in space, with the track of its centre of mass. Beside a long path
-    it is drawn larger, and the picture says how many times. A body whose states hold only the axis of symmetry is drawn
-    as a cylinder, or a rod, whose spin is not shown.
+    A body that translates is drawn at its position in space, with the track of its centre of mass. If its path is long,
+    the body is drawn larger, and the picture gives the factor. If states hold only the axis of symmetry, the body is
+    drawn as a cylinder or a rod, without its spin.
 
-    Bodies that act on each other are drawn in one space, each in its colour, if they translate; up to six have their
-    axes and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. With `together`,
-    bodies that translate and do not act on each other, such as a fleet of satellites, are drawn in one space as well.
+    Interacting bodies that translate are drawn in one space, each in its colour; up to six have their axes and tracks.
+    The bodies of a `Rod` touch each other, and show its bending and twisting. With `together`, translating bodies
+    without interaction, such as a fleet of satellites, are drawn in one space as well.
 
-    Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
-    spaced in time. If the body rotates by more than a quarter of a turn from one frame to the next, the eye is misled,
-    as by wheels in a film: the picture then says by how many turns it rotates per frame; take a shorter path or more
-    frames. A failed run is shown up to its last good state, and the picture says so.
+    Several bodies, or one body moved by several methods, are drawn side by side at the same times. The frames are
+    evenly spaced in time. A body that rotates by more than a quarter of a revolution between frames seems to rotate
+    differently, like wheels in a film. The picture then gives the number of revolutions per frame; use a shorter path
+    or more frames. A failed run is drawn up to its last good state, and the picture says so.
 
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
-            for all, a list with one for each, or the bodies of an ensemble.
+            for all, a list with one per path, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
             up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
             up to 500 with `together`.
         file: the GIF to write; an existing file is replaced.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
-            states with an axis alone only e3, which is that axis.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
+            States with only an axis support only this axis, e3.
         frames: number of frames, at most 400.
-        rate: frames per second, at most 50, which is what browsers show.
+        rate: frames per second, at most 50, the maximum in browsers.
         size: width and height of the picture of one body, pixels.
         elevation, azimuth: the direction of the viewer in degrees, above the xy plane and around z from x.
-        background: any colour of matplotlib; text is black or white, whichever stands out.
+        background: any colour of matplotlib; text is black or white, whichever has more contrast.
         title: a line above the picture.
         points: positions in the frame of the body, (a, 3), such as the atoms of a molecule. They replace the solid, and
-            the first is joined to each of the others; for bodies with a mass.
-        together: whether several bodies that translate are drawn in one space, instead of side by side.
-        box: the least and the largest corner of a periodic box, (2, 3), in the units of the positions. The centres of
-            the bodies are drawn in it, and no tracks; from one saved state to the next they must move by less than half
-            the box. Positions may be wrapped into the box or not.
+            the first is joined to each of the others; only for bodies with a mass.
+        together: whether several translating bodies are drawn in one space, instead of side by side.
+        box: the lowest and the highest corner of a periodic box, (2, 3), in the units of the positions. The centres of
+            the bodies are drawn in it, without tracks. Between saved states they must move by less than half the box.
+            Positions may be wrapped into the box or not.
         planet: the radius of a ball at the origin, in the units of the positions, such as the Earth below satellites.
 
     Returns:
@@ -81,7 +81,7 @@ def animate(
 
     Raises:
         ValueError: a path is not of one body with attitudes or axes, or not of this kind of body, or its first two
-            states are bad; an argument is out of its range.
+            states are bad; an argument is out of range.
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
 
@@ -134,7 +134,7 @@ class _Movie:
         background, dark = ground
         text, line = ("white", SKY) if dark else ("black", BLUE)
         rows, columns = grid(len(shown))
-        # The title of a single picture is drawn in the picture; a title of several is drawn above them.
+        # The title of a single picture is drawn in the picture; a common title is drawn above several pictures.
         strip = _STRIP if title and len(shown) > 1 else 0
         width, height = columns * pixels, rows * pixels + strip
         self.figure, self.times = new_figure(width / _DPI, height / _DPI), shown[0].times
@@ -156,14 +156,14 @@ class _Movie:
                 self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
-        # The clock stands beside the remarks of the last picture; above them, if there is no room.
+        # The clock is next to the remarks of the last picture, or above them if there is no room.
         remarks = shown[-1].remarks
         beside = max((len(one) for one in remarks), default=0) + _CLOCK <= (pixels - 2 * edge) / _LETTER
         above = 0 if beside else len(remarks) * _LINE
         self.clock = self.figure.text(1 - edge / width, (edge + above) / height, "", ha="right", **note)
 
     def frame(self, k: int) -> Any:
-        """The picture of frame k, as an RGB image of Pillow."""
+        """Frame k as an RGB image of Pillow."""
         from PIL import Image
 
         for drawing in self.drawings:
@@ -174,7 +174,7 @@ class _Movie:
 
 
 def _write(pictures: list[Any], target: Path, rate: float) -> None:
-    """Writes the frames with one palette, taken from a sheet of several of them."""
+    """Writes the frames with one palette, taken from a sheet of several frames."""
     from PIL import Image
 
     some = pictures[:: max(1, len(pictures) // 6)]

@@ -1,8 +1,8 @@
-"""Artists for 3-D axes: curves on an ellipsoid, strong towards the viewer and faint behind, and axes of space.
+"""Artists for 3-D axes: curves on an ellipsoid, strong in front and faint behind, and axes of space.
 
-matplotlib does not know which part of a curve an ellipsoid hides. The artists here find it whenever they are drawn, so
-a picture that is rotated by hand stays correct. The view is orthographic: a point is in front if the normal of the
-surface there points to the viewer. This module imports matplotlib, so other modules import it only when they draw.
+matplotlib does not compute which part of a curve an ellipsoid hides. The artists here compute it on each drawing, so a
+picture rotated by hand stays correct. The view is orthographic: a point is in front if the normal of the surface there
+points to the viewer. This module imports matplotlib, so other modules import it only when they draw.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
 from .style import GREY, SIZE, ink
 
-BEHIND, IN_FRONT = 1.0, 20.0  # the sequence in which matplotlib draws; things inside the surface are between both
+BEHIND, IN_FRONT = 1.0, 20.0  # drawing order of matplotlib; things inside the surface are between both
 _BEHIND = 0.28  # opacity of things behind the surface
-_ROOM = 1.3  # size of the panel over that of the ellipsoid, so that axes can stick out
+_ROOM = 1.3  # size of the panel over the size of the ellipsoid, so that axes can extend beyond it
 _SMOOTH = np.radians(2.0)  # the angle between neighbouring points of a curve
-_TICKS = 3  # about how many numbers stand at an axis
-_TICK_OFFSET, _LABEL_OFFSET = 8.0, 21.0  # matplotlib's own distances of numbers and names from an axis, points
+_TICKS = 3  # approximate number of tick labels per axis
+_TICK_OFFSET, _LABEL_OFFSET = 8.0, 21.0  # matplotlib's distances of tick labels and names from an axis, points
 
 
 def towards_viewer(axes: Any) -> np.ndarray:
-    """The unit vector (3,) from the picture to the viewer, for 3-D axes whose z points up."""
+    """The unit vector (3,) from the picture to the viewer, for 3-D axes with z up."""
     elevation, azimuth = np.radians([axes.elev, axes.azim])
     across = np.cos(elevation)
     return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
@@ -48,7 +48,7 @@ class HalfCurve(Line3D):
 
 
 class Shade(Poly3DCollection):
-    """The silhouette of an ellipsoid, as seen by the viewer, filled."""
+    """The filled silhouette of an ellipsoid for the viewer."""
 
     def __init__(self, semi_axes: np.ndarray):
         super().__init__([np.zeros((3, 3))], facecolor=GREY, edgecolor=GREY, alpha=0.1, linewidth=0.8)
@@ -63,12 +63,12 @@ class Shade(Poly3DCollection):
 
 
 def shade_of(axes: Any) -> Shade | None:
-    """The ellipsoid that is already on the axes, if any."""
+    """The ellipsoid already on the axes, if any."""
     return next((found for found in axes.collections if isinstance(found, Shade)), None)
 
 
 def draw_ellipsoid(axes: Any, semi_axes: np.ndarray) -> None:
-    """Draws the silhouette, and sets limits, aspect and projection of the axes; the box around them is hidden."""
+    """Draws the silhouette, and sets limits, aspect and projection of the axes; the surrounding box is hidden."""
     reach = _ROOM * float(np.max(semi_axes))
     axes.set_proj_type("ortho")
     axes.set_axis_off()
@@ -88,7 +88,7 @@ def draw_curve(axes: Any, points: np.ndarray, semi_axes: np.ndarray, **style: An
 
 
 def draw_axes(axes: Any, starts: np.ndarray, ends: np.ndarray, names: Sequence[str], size: float = SIZE) -> None:
-    """Draws a grey line from each start to its end (n, 3), with a name beyond it, before all else."""
+    """Draws a grey line from each beginning to its end (n, 3), with a name beyond it, below all other things."""
     halo = [withStroke(linewidth=2.0, foreground=axes.figure.get_facecolor())]
     style = {"fontsize": size, "color": ink(axes), "ha": "center", "va": "center", "zorder": 2 * IN_FRONT}
     for start, end, name in zip(starts, ends, names, strict=True):
@@ -97,7 +97,7 @@ def draw_axes(axes: Any, starts: np.ndarray, ends: np.ndarray, names: Sequence[s
 
 
 def along_arcs(points: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3), with more between them on the shortest arcs, so that none are over two degrees apart."""
+    """Unit vectors (n, 3), with further ones on the shortest arcs, at most two degrees apart."""
     ends = points[1:]
     turns = np.arctan2(np.linalg.norm(np.cross(points[:-1], ends), axis=1), np.sum(points[:-1] * ends, axis=1))
     pieces = [points[:1]]
@@ -112,7 +112,7 @@ def along_arcs(points: np.ndarray) -> np.ndarray:
 
 
 def draw_space(axes: Any, limits: np.ndarray, size: float = SIZE) -> None:
-    """Sets limits (2, 3), equal scales and names of axes, with few numbers, in a font of this size."""
+    """Sets limits (2, 3), equal scales and axis names, with few tick labels, in a font of this size."""
     colour, spans = ink(axes), limits[1] - limits[0]
     power = 3 * int(np.floor(np.log10(max(float(np.max(np.abs(limits))), np.finfo(float).tiny)) / 3 + 1e-9))
     scale, unit = (10.0**power, rf"$10^{{{power}}}$ length") if power not in (0, -3) else (1.0, "length")
@@ -123,7 +123,7 @@ def draw_space(axes: Any, limits: np.ndarray, size: float = SIZE) -> None:
         axis.set_major_locator(MaxNLocator(_TICKS))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.6g}"))
         axis.set_label_text(f"{letter}  [{unit}]", fontsize=size, color=colour)
-        # matplotlib places texts at distances that shrink with the picture across the axis, here undone by half.
+        # matplotlib places texts at distances that shrink with the picture across the axis, which is half undone here.
         farther = float(spans.max() / np.delete(spans, place).max()) ** 0.5 - 1
         pad = (1 if letter == "z" else -3) + _TICK_OFFSET * farther
         axis.set_tick_params(labelsize=size, labelcolor=colour, color=GREY, pad=pad)

@@ -1,4 +1,4 @@
-"""`bands`: the quantiles of an ensemble against time, with their names at the right edge of the panel."""
+"""`bands`: the quantiles of an ensemble against time, named at the right edge of the panel."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,13 +14,13 @@ _OPACITY = 0.3  # of the widest band; narrower bands are drawn on top of it
 
 
 class Bands(NamedTuple):
-    """The quantiles that `bands` has drawn.
+    """The quantiles drawn by `bands`.
 
     Attributes:
         median: (n,).
         edges: for each level the lower and the upper quantile, each (n,).
         bodies: the number of bodies in the quantiles.
-        failed: the number of bodies left out because they have a number that is not finite.
+        failed: the number of bodies left out because of a number that is not finite.
 
     Examples:
         >>> from matplotlib.figure import Figure
@@ -48,18 +48,18 @@ def bands(
 ) -> Bands:
     """Draws the median of an ensemble against time, and bands that hold given fractions of the bodies.
 
-    The band of level p lies between the quantiles (1 - p)/2 and (1 + p)/2 at each time. The names stand outside the
-    right edge of the panel, each beside the end of its line. Set the limits of the axes first; a second call on the
-    same axes moves the names of the first out of the way.
+    The band of level p lies between the quantiles (1 - p)/2 and (1 + p)/2 at each time. The names are outside the right
+    edge of the panel, each next to the end of its line. Set the limits of the axes first. A second call on the same
+    axes moves the names of the first to make room.
 
     Args:
-        axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
+        axes: matplotlib's axes; names are placed at their right edge, and the panel becomes narrower.
         times: (n,), ascending, with any unit.
         values: (bodies, n). A body with a number that is not finite is left out, because its run failed. The number of
             bodies left out is written below the label.
         levels: fractions of the bodies, each above 0 and below 1.
-        label: name of the ensemble, written beside the median; by default "median". A legend also shows the
-            numbers of bodies.
+        label: name of the ensemble, written next to the median; by default "median". A legend also shows the numbers of
+            bodies.
         colour: colour of the line and the bands, any of matplotlib's.
 
     Returns:
@@ -94,7 +94,7 @@ def bands(
     median = np.median(good, axis=0)
     count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
     axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
-    # Names at one height keep their sequence, from below.
+    # Names at one height keep their order, from below.
     if failed:
         named.append((f"{failed:,} failed", float(median[-1])))
     named.append((name, float(median[-1])))

@@ -1,7 +1,7 @@
-"""What the exact motion conserves, the errors of a run in it, and `conserved`, which draws them against time.
+"""The conserved quantities of the exact motion, their errors in a run, and `conserved`, which draws the errors.
 
-Errors are computed in float64, if it is enabled, for runs of any dtype, so that the result shows the rounding of the
-run and not that of its evaluation.
+Errors are computed in float64, if it is enabled, for runs of any dtype. The result therefore shows the rounding errors
+of the run and not of its evaluation.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -29,7 +29,7 @@ _LINES = (BLUE, "-"), (VERMILLION, (0, (4, 1.5))), (GREEN, (0, (1.5, 1.5)))
 
 
 class Conserved(NamedTuple):
-    """The errors that `conserved` has drawn.
+    """The errors drawn by `conserved`.
 
     Attributes:
         times: (n,), the saved times before the run failed.
@@ -65,7 +65,7 @@ def conserved(
 ) -> Conserved:
     """Draws the relative errors of a run in the quantities that the exact motion conserves.
 
-    The bold lines are the largest relative error so far, the faint ones the error at each saved time. Conserved are:
+    Bold lines show the largest relative error so far, faint lines the error at each saved time. Conserved are:
 
     - the energy, if the torque has a potential that does not depend on time;
     - all of the spatial momentum without a torque and under a `PointMass`, its vertical component under a `HeavyTop`,
@@ -78,17 +78,17 @@ def conserved(
       origin, add up to zero up to rounding.
 
     Other quantities are named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
-    below half a unit in the last place of the run's dtype are drawn at that height. Call the function again on the same
-    axes to compare methods, each with a colour.
+    below half a unit in the last place of the run's dtype are drawn at that height. To compare methods, call the
+    function again on the same axes, with another colour for each.
 
     Args:
-        axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
+        axes: matplotlib's axes; names are placed at their right edge, and the panel becomes narrower.
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
         torque: as for `integrate`.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
             state of one body, or of coupled bodies.
-        colour: the colour of all lines (the lines of the momenta are dashed); by default blue, vermilion and green.
-        label: put before the names "energy" and "momentum", for example the name of the method.
+        colour: the colour of all lines (momenta are dashed); by default blue, vermilion and green.
+        label: prefix of the names "energy" and "momentum", for example the name of the method.
 
     Returns:
         The errors, signed for the energy.
@@ -137,12 +137,12 @@ def conserved(
 
 
 class Change(NamedTuple):
-    """The change of a quantity since the start."""
+    """The change of a quantity since the initial state."""
 
-    values: np.ndarray  # relative to a value at the start, (..., n)
+    values: np.ndarray  # relative to an initial value, (..., n)
     name: str
     formula: str
-    note: str = ""  # to which part of the quantity the values refer; may be ""
+    note: str = ""  # the part of the quantity to which the values refer; may be ""
     reason: str = ""  # why the exact motion does not conserve the quantity; "" if it does
 
     @property
@@ -154,7 +154,7 @@ class Change(NamedTuple):
 
     @property
     def short(self) -> str:
-        """A name short enough to stand beside a panel."""
+        """A name short enough to fit next to a panel."""
         total = "total " if self.name.startswith("total") else ""
         part = self.note.removesuffix(", which is conserved")
         if part == self.note:
@@ -192,9 +192,9 @@ def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bo
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
 
     For a body that translates, pi is the total angular momentum about the origin, and the change is relative to the
-    largest |x cross p| + |R Pi| of the path, because pi may vanish. For coupled bodies it is the sum over all. Without
-    an attitude or an axis, states hold only the length of pi, or its component along the direction of a
-    `DirectionState`. `balanced`: all of pi is conserved, as the function of this name finds.
+    largest |x cross p| + |R Pi| of the path, because pi may vanish. For coupled bodies it is the sum over all. States
+    without an attitude or an axis hold only the length of pi, or its component along the direction of a
+    `DirectionState`. `balanced`: all of pi is conserved, as found by the function of this name.
     """
     torque, states = _doubles((torque, states))
     size, letter = _sizes(states, states.momentum)[..., :1], "|π₀|"
@@ -220,7 +220,7 @@ def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bo
 
 
 def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
-    """|p(t) - p(0)| / max |p| of a body that translates, conserved where no force acts on the first body of a batch.
+    """|p(t) - p(0)| / max |p| of a body that translates; conserved if no force acts on the first body of a batch.
 
     For coupled bodies p is the sum over all.
     """
@@ -265,7 +265,7 @@ def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 def _doubles(tree: Any) -> Any:
-    """The tree in float64, if that is enabled. States are not checked: those of a failed run may contain NaN."""
+    """The tree in float64, if enabled; states are not checked, because a failed run may contain NaN."""
 
     def double(leaf: Any) -> Any:
         floating = isinstance(leaf, (jax.Array, np.ndarray)) and jnp.issubdtype(leaf.dtype, jnp.floating)
@@ -277,9 +277,9 @@ def _doubles(tree: Any) -> Any:
 class Kept(NamedTuple):
     """A component of the spatial angular momentum that is conserved.
 
-    For a body that translates, the momentum is the total x cross p + R Pi about the origin: a torque without a force
-    leaves x cross p alone, a uniform force changes the total momentum across itself, and a force of the field of a
-    point mass at the origin, with its torque, does not change it. For coupled bodies it is the sum over all.
+    For a body that translates, the momentum is the total x cross p + R Pi about the origin. A torque without a force
+    does not change x cross p, and a uniform force changes the total momentum only perpendicular to itself. The field of
+    a point mass at the origin, with force and torque, does not change it. For coupled bodies it is the sum over all.
     """
 
     direction: np.ndarray  # a vector along it, in space, (3,)
@@ -291,7 +291,7 @@ ALL: Literal["all"] = "all"
 
 
 def kept_by(torque: Any) -> Kept | Literal["all"] | None:
-    """The component that is conserved under a torque, `ALL`, or None if nothing is known to be."""
+    """The component that is conserved under a torque, `ALL`, or None if none is known to be."""
     if torque is None or isinstance(torque, torques.PointMass | torques.MutualGravity):
         return ALL
     if isinstance(torque, torques.HeavyTop):
@@ -319,7 +319,7 @@ def _parallel(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def _forces_on(body: Any, torque: Any, times: np.ndarray, states: Any) -> Any:
-    """The torque on a body at each saved time, (n, 3), or torque and force of one that translates, as `Momenta`."""
+    """The torque on a body at each saved time, (n, 3), or torque and force on one that translates, as `Momenta`."""
     bound: Any = on_body(torque, body)
 
     def at(t: Any, state: Any) -> Any:

@@ -19,10 +19,10 @@ from .style import BLUE, FEW, GREY, colours_of, is_3d, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
 _BODY_AXES = ("e1", "e2", "e3")
-_SAME = 1e-2  # energies that differ less are drawn on one ellipsoid
-_FAMILY = (0.15, 0.5, 0.85)  # where, from an axis to the separatrix, other polhodes are drawn
+_SAME = 1e-2  # energies with a smaller difference are drawn on one ellipsoid
+_FAMILY = (0.15, 0.5, 0.85)  # positions of other polhodes, from an axis to the separatrix
 _MARGIN = 0.05  # room around tracks, relative to their size
-_SLIMMEST = 0.4  # the least side of a picture of a track over the largest, so that names of axes have room
+_SLIMMEST = 0.4  # smallest side of a picture of a track over the largest, so that axis names fit
 _TRACK = "midlie_jax.plot.track"  # marks tracks on 3-D axes
 
 
@@ -36,9 +36,9 @@ def axis_path(
 ) -> np.ndarray:
     """Draws the path of an axis of the body in space, on the unit sphere.
 
-    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the path towards the viewer is strong and the other
-    part faint, also after the picture is rotated by hand. On plain axes the sphere is seen from +z, and the part below
-    the xy plane is faint. A dot marks the initial direction. Saved directions are joined by the shortest arc. Call the
+    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the path in front is strong and the other part
+    faint, also after the picture is rotated by hand. On plain axes the sphere is viewed from +z, and the part below the
+    xy plane is faint. A dot marks the initial direction. Saved directions are joined by the shortest arc. Call the
     function again on the same axes to compare paths. A failed run is drawn up to its last good state, and the picture
     says so. Each of up to six coupled bodies has its own colour.
 
@@ -47,14 +47,14 @@ def axis_path(
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with
             states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
             `AxisState` or a `FreeAxisState`; or of coupled bodies.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
-            states with an axis alone only e3, which is that axis.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
+            States with only an axis support only this axis, e3.
         colour: colour of the path, any of matplotlib's.
-        label: the name of the path in the legend; by default the name of the axis. For coupled bodies the number
-            follows.
+        label: the name of the path in the legend; by default the name of the axis. For coupled bodies the number is
+            appended.
 
     Returns:
-        The directions in space that are drawn, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
+        The drawn directions in space, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
 
     Raises:
         ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
@@ -159,13 +159,13 @@ def polhode(
 ) -> np.ndarray:
     """Draws the angular momentum in the principal frame of the body, on the ellipsoid of its kinetic energy.
 
-    A body under no torque conserves its kinetic energy T and the length of its momentum Pi. So in the body frame the
-    momentum moves on the ellipsoid Pi . I^-1 Pi = 2T, along its intersection with a sphere. The angular velocity W
-    moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics, section 5.6).
-    Here the curve of the momentum is called a polhode as well.
+    A body without a torque conserves its kinetic energy T and the length of its momentum Pi. In the body frame the
+    momentum therefore moves on the ellipsoid Pi . I^-1 Pi = 2T, along its intersection with a sphere. The angular
+    velocity W moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics,
+    section 5.6). Here the curve of the momentum is called a polhode as well.
 
     Faint curves are other polhodes of this energy; the grey curves through the axis of the middle moment are the
-    separatrix. A dot marks the initial momentum. The ellipsoid is that of the initial energy: under a torque the path
+    separatrix. A dot marks the initial momentum. The ellipsoid belongs to the initial energy. Under a torque the path
     leaves it, and the picture says so. Call the function again on the same axes for another path of nearly the same
     energy. A failed run is drawn up to its last good state, and the picture says so.
 
@@ -264,8 +264,8 @@ def _on_ellipsoid(
 def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
     """Polhodes of one energy, and whether each belongs to the separatrix, as points u (181, 3) with |u| = 1.
 
-    The momentum is sqrt(2T I) u. Its square over 2T is sum(I u^2), between the smallest moment a and the largest c. The
-    polhodes with a square below the middle moment b go around axis a, those above it around axis c; at b itself there
+    The momentum is sqrt(2T I) u. Its square over 2T is sum(I u^2), between the smallest moment a and the largest c.
+    Polhodes with a square below the middle moment b encircle axis a, and polhodes above it axis c; at b itself there
     are two ellipses through axis b.
     """
     a, b, c = np.argsort(moments)
@@ -303,20 +303,20 @@ def track(
 ) -> np.ndarray:
     """Draws the path of the centre of mass in space, with one scale in all directions.
 
-    On plain axes it is drawn in the plane xy, xz or yz in which it is longest; labels "x" and "z" that the axes have
-    already, such as those of an earlier call, choose the plane. A dot marks the initial position. Saved positions are
-    joined by straight lines. Call the function again on the same axes to compare paths. A failed run is drawn up to its
-    last good state, and the picture says so. Each coupled body has its own colour; up to six are named.
+    On plain axes the path is drawn in the plane xy, xz or yz in which it is longest. If the axes already have labels
+    "x" and "z", for example from an earlier call, the labels choose the plane. A dot marks the initial position. Saved
+    positions are joined by straight lines. Call the function again on the same axes to compare paths. A failed run is
+    drawn up to its last good state, and the picture says so. Each coupled body has its own colour; up to six are named.
 
     Args:
         axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
         path: a `Path` or `AdaptivePath` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
             coupled bodies.
         colour: colour of the path, any of matplotlib's.
-        label: the name of the path in the legend; by default it has none. For coupled bodies the number follows.
+        label: the name of the path in the legend; by default none. For coupled bodies the number is appended.
 
     Returns:
-        The positions that are drawn, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
+        The drawn positions, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
 
     Raises:
         ValueError: the path is not of one body that translates, or its first two states are bad.
@@ -363,7 +363,7 @@ def _in_space(axes: Any, positions: np.ndarray, colour: str, label: str | None) 
 
 
 def limits_around(points: np.ndarray, margin: float) -> np.ndarray:
-    """The least and the largest coordinates of a picture of points (n, 3), (2, 3)."""
+    """The lowest and the highest coordinates of a picture of points (n, 3), (2, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = (high - low) / 2 + margin
     half = np.maximum(half, max(_SLIMMEST * float(half.max()), np.finfo(float).tiny))
@@ -371,7 +371,7 @@ def limits_around(points: np.ndarray, margin: float) -> np.ndarray:
 
 
 def _plane(axes: Any, positions: np.ndarray) -> str:
-    """The letters of the plane: those of the labels, or else of the two directions in which the path is longest."""
+    """The letters of the plane: from the labels, or else the two directions in which the path is longest."""
     letters = "".join(label[:1].lower() for label in (axes.get_xlabel(), axes.get_ylabel()))
     if len(set(letters) & set("xyz")) == 2:
         return letters

@@ -1,4 +1,4 @@
-"""`Drawing`: a scene on matplotlib's 3-D axes, for the frames of a GIF: on the unit sphere, or at its positions.
+"""`Drawing`: a scene on matplotlib's 3-D axes for the frames of a GIF: on the unit sphere, or at its positions.
 
 This module imports matplotlib, so `animate` imports it only when it draws.
 """
@@ -15,16 +15,16 @@ from .model import Scene, Turning
 from .style import GREY, PLANET
 
 _TEXT = 9.0  # font size of the letters at the axes, points
-_SMALL = 7.0  # that of lengths at the axes
+_SMALL = 7.0  # font size of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
-_DOTS = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
-# The sequence in which things are drawn, if a planet hides some of them.
+_DOTS = 42.0, 14.0  # dot areas of a body drawn as points: of the first, and of each other
+# The drawing order, if a planet hides some things.
 _BEYOND, _PLANET, _INSIDE, _BEFORE = 2.0, 3.0, 3.5, 4.0
-_BACKGROUND = 0.5  # opacity of the part of the track that is still to come
+_BACKGROUND = 0.5  # opacity of the future part of the track
 
 
 class Drawing:
-    """The artists of a scene, which are moved for each frame."""
+    """The artists of a scene, moved for each frame."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class Drawing:
         line: str,
     ):
         self.scene, self.line, self.has_planet = scene, line, scene.around.planet is not None
-        with rc_context({"grid.linewidth": 0.4, "grid.color": GREY}):  # 3-D axes take these when they are made
+        with rc_context({"grid.linewidth": 0.4, "grid.color": GREY}):  # 3-D axes read these when they are made
             self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
         axes.xaxis.label.set_color(text)
         axes.view_init(*view)
@@ -53,9 +53,10 @@ class Drawing:
             right = np.cross([0.0, 0.0, 1.0], self.out) / max(float(np.hypot(*self.out[:2])), 1e-9)
             self.lamp = _LAMP @ np.stack([right, np.cross(self.out, right), self.out])
             self.edge = "" if scene.members[0].shape.round else text
-            # matplotlib fills short faces up with numbers from memory, which may overflow; so all get as many corners.
+            # matplotlib pads short faces with uninitialised numbers, which may overflow; so all faces get the same
+            # number of corners.
             self.most = max(len(face) for member in scene.members for face in member.shape.faces)
-            # The nearer bodies hide the farther ones; a planet hides those beyond it.
+            # Nearer bodies hide farther ones; a planet hides the bodies beyond it.
             width, orders = 0.6 if scene.few else 0.25, (_BEYOND, _BEFORE) if self.has_planet else (_BEFORE,)
             faces = self._faces(scene.members[0], 0)
             self.layers = [Poly3DCollection(faces, linewidth=width, zorder=order) for order in orders]
@@ -100,7 +101,7 @@ class Drawing:
         for ends in scene.around.edges:
             axes.plot(*ends.T, color=GREY, linewidth=0.9, zorder=BEHIND)
         if scene.around.planet is not None:
-            axes.computed_zorder = False  # the planet comes between what it hides and what is before it
+            axes.computed_zorder = False  # the planet is between the things that it hides and the things in front of it
             across = np.linalg.svd(self.out[None])[2][1:]
             angle = np.linspace(0, 2 * np.pi, 91)[:, None]
             rim = scene.around.planet * (np.cos(angle) * across[0] + np.sin(angle) * across[1])
@@ -108,7 +109,7 @@ class Drawing:
             axes.add_collection3d(disc, autolim=False)
         for member, travel, _, colour in scene.tracks:
             zorder = _BEFORE if self.has_planet else BEHIND
-            alpha = _BACKGROUND if scene.few else _BACKGROUND / 2  # of many bodies, some may have the same track
+            alpha = _BACKGROUND if scene.few else _BACKGROUND / 2  # some of many bodies may have the same track
             axes.plot(*self._seen(travel.track).T, color=GREY, linewidth=0.8, alpha=alpha, zorder=zorder)
             if scene.few:
                 (line,) = axes.plot([], [], [], color=colour, linewidth=1.3, zorder=BEHIND)
@@ -133,12 +134,12 @@ class Drawing:
         return [corners[[*face, *face[-1:] * (self.most - len(face))]] for face in member.shape.faces]
 
     def _seen(self, points: np.ndarray) -> np.ndarray:
-        """The points (n, 3), with NaN in place of those that a planet hides."""
+        """The points (n, 3), with NaN for points hidden by a planet."""
         return np.where(self.scene.around.hidden(points, self.out)[:, None], np.nan, points)
 
 
 def _past(member: Turning, k: int) -> np.ndarray:
-    """Which saved states are before frame k, (n,)."""
+    """The saved states before frame k, (n,)."""
     forward = member.path_times[-1] >= member.path_times[0]
     return member.path_times <= member.times[k] if forward else member.path_times >= member.times[k]
 

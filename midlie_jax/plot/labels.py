@@ -1,4 +1,4 @@
-"""Names of lines: at the right edge of a panel, each beside the end of its line, or in a legend."""
+"""Names of lines: at the right edge of a panel, each next to the end of its line, or in a legend."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -9,13 +9,13 @@ from .style import SIZE, ink, is_3d
 _MARK = "midlie_jax.plot.labels"  # marks the names at the edge of a panel
 _LINE, _NEXT_LINE = 1.3, 1.2  # distance of two names, and of two lines of one name, in font sizes
 _LEADER = 14.0  # points from the edge of the panel to the names
-_WIDEST = 0.5  # the share of the panel's width that names may take
+_WIDEST = 0.5  # the largest share of the panel's width for names
 
 
 def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """The nearest heights, by least squares, that are at least `gap` apart, in the same order, and within low to high.
+    """The nearest heights, by least squares, at least `gap` apart, in the same order, and within low to high.
 
-    With the gaps subtracted, the problem is isotonic regression: neighbours out of sequence are pooled at their mean.
+    With the gaps subtracted, the problem is isotonic regression: neighbours out of order are pooled at their mean.
     """
     order = sorted(range(len(heights)), key=lambda i: heights[i])
     pools: list[tuple[float, int]] = []  # means and numbers of members
@@ -62,12 +62,12 @@ def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> 
 
 def _locate(axes: Any) -> None:
     locator: Any = partial(_beside_names)
-    locator.get_subplotspec = axes.get_subplotspec  # tight_layout asks the locator instead of the axes
+    locator.get_subplotspec = axes.get_subplotspec  # tight_layout reads the locator instead of the axes
     axes.set_axes_locator(locator)
 
 
 def _beside_names(axes: Any, renderer: Any) -> Any:
-    """Where matplotlib is to draw the panel; all panels above one another have the same right edge."""
+    """The position of the panel for matplotlib; all panels above one another have the same right edge."""
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
 
@@ -85,7 +85,7 @@ def _beside_names(axes: Any, renderer: Any) -> Any:
     right = [other for other in figure.axes if other.get_position(original=True).x0 > place.x1 - 1e-6]
     free = [(other.bbox if is_3d(other) else other.get_tightbbox(renderer)).x0 for other in right]
     end = edge = (min(free, default=figure.bbox.x1) - figure.bbox.x0) / figure.bbox.width - 0.01
-    for between in (" ", "\n"):  # names that would take half of the panel have one word per line
+    for between in (" ", "\n"):  # names wider than half of the panel get one word per line
         for text in texts:
             text.set_text(between.join(text.get_text().split()))
         width = max((Text.get_window_extent(text, renderer).width for text in texts), default=0.0)
@@ -97,7 +97,7 @@ def _beside_names(axes: Any, renderer: Any) -> Any:
 
 
 def _spread(axes: Any) -> None:
-    """Moves the names on a panel up and down, as little as possible, so that none covers another."""
+    """Moves the names on a panel up and down as little as possible, so that they do not overlap."""
     texts, points = _names(axes), 72 / axes.figure.dpi
     lines = max((text.get_text().count("\n") + 1 for text in texts), default=1)
     wanted = [axes.transData.transform((0.0, text.xy[1]))[1] * points for text in texts]

@@ -1,4 +1,4 @@
-"""`Scene`, what one panel of a GIF or an HTML view shows: bodies at evenly spaced times, in a box, about a planet."""
+"""`Scene`: one panel of a GIF or an HTML view: bodies at evenly spaced times, in a box, about a planet."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
@@ -24,11 +24,11 @@ from .solids import CORNER, CORNERS, Shape, shape_of
 from .style import BLUE, FEW, ORANGE, SKY, VERMILLION, colours_of
 
 _MOST, _MOST_TOGETHER = 12, 500  # panels of a picture, and bodies in one space
-_MOST_TRACKS = 36  # thin lines that can be followed
+_MOST_TRACKS = 36  # thin lines that can be distinguished
 _ROW = 4  # the most panels in a row
-_RESOLVED = np.pi / 2  # radians: if a body rotates by less between saved states, attitudes between them are known
-_SEEN = 0.11  # the length of the drawn axis over the size of the path, where a body must be drawn larger than it is
-_AT_REST = 0.02  # a path that is smaller than this, relative to the body, is not shown
+_RESOLVED = np.pi / 2  # radians: up to this rotation between saved states, attitudes between them are unambiguous
+_SEEN = 0.11  # length of the drawn axis over the size of the path, if the body must be drawn larger than it is
+_AT_REST = 0.02  # a smaller path, relative to the body, is not shown
 
 Turns = RigidBody | TensorBody | Rotor | FreeBody
 Bodies = Turns | Sequence[Turns]
@@ -36,17 +36,17 @@ OnePath = AnyPath[OrientedState]
 Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
 
-# What is drawn: panels, each with its name, its body and its path.
+# The input of a picture: panels, each with its name, its body and its path.
 
 
 class Panel(NamedTuple):
-    """The name, which may be "", the body or the coupled bodies, and the path of one panel; how the body is drawn."""
+    """The name, which may be "", the body or the coupled bodies, and the path of one panel; the shape of the body."""
 
     name: str
     body: Any
     path: Any
     shape: Shape | None = None  # by default a solid
-    magnified: float | None = None  # how many times as large as they are bodies are drawn that share one space
+    magnified: float | None = None  # magnification of bodies that share one space
     box: np.ndarray | None = None
 
 
@@ -56,8 +56,8 @@ def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
     Bodies of an ensemble are named by their index. Coupled bodies that translate share one panel; others have one each.
 
     Raises:
-        ValueError: there are no paths, or more than fit, or not as many bodies as paths; or paths cannot be drawn in
-            one space, and `together` asks for it.
+        ValueError: there are no paths, or too many, or the numbers of bodies and paths differ; or `together` is set and
+            paths cannot be drawn in one space.
     """
     most = _MOST_TOGETHER if together else _MOST
     names, paths = _named(path, most)
@@ -125,7 +125,7 @@ def _each_body(body: Any, count: int) -> list[Any]:
 
 
 def picture_file(file: str | Path, ending: str) -> Path:
-    """The file to write; a ValueError if its name has another ending."""
+    """The file to write; raises a ValueError if its name has another ending."""
     target = Path(file)
     if target.suffix.lower() != ending:
         raise ValueError(
@@ -134,17 +134,17 @@ def picture_file(file: str | Path, ending: str) -> Path:
     return target
 
 
-# What stands around bodies that translate.
+# The surroundings of bodies that translate.
 
 
 class Around(NamedTuple):
-    """The least and the largest corner of a periodic box, (2, 3), and the radius of a planet at the origin."""
+    """The lowest and the highest corner of a periodic box, (2, 3), and the radius of a planet at the origin."""
 
     box: np.ndarray | None = None
     planet: float | None = None
 
     def hidden(self, points: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Which of the points (..., 3) the planet hides from a viewer in the direction `out` (3,), far away."""
+        """Whether the planet hides each of the points (..., 3) from a distant viewer in the direction `out` (3,)."""
         if self.planet is None:
             return np.zeros(points.shape[:-1], bool)
         depth = points @ out
@@ -152,7 +152,7 @@ class Around(NamedTuple):
 
     @property
     def edges(self) -> list[np.ndarray]:
-        """The twelve edges of the box, each as two corners (2, 3); none if there is no box."""
+        """The twelve edges of the box, each as two corners (2, 3); none without a box."""
         if self.box is None:
             return []
         corners = self.box.mean(axis=0) + CORNERS * np.ptp(self.box, axis=0) / 2
@@ -192,16 +192,16 @@ def around_of(box: Any, planet: Any, paths: Iterable[Any]) -> Around:
 
 
 class Travel(NamedTuple):
-    """The position of a body, which may be drawn larger than it is to be seen: an orbit is long."""
+    """The position of a body, which may be drawn larger than it is, because an orbit is long."""
 
-    track: np.ndarray  # the positions at the saved times, (n, 3); without jumps from wall to wall
+    track: np.ndarray  # the positions at the saved times, (n, 3); without jumps between walls
     centres: np.ndarray  # the positions at the frames, (k, 3)
     size: float  # the length of the drawn axis of the body, in the units of the positions
-    limits: np.ndarray  # the least and the largest coordinates of the picture, (2, 3)
+    limits: np.ndarray  # the lowest and the highest coordinates of the picture, (2, 3)
 
 
 class Turning(NamedTuple):
-    """A body at the times of the k frames, its vectors in space and measured from its middle."""
+    """A body at the times of the k frames; its vectors are in space, relative to its middle."""
 
     times: np.ndarray  # of the frames, (k,)
     shape: Shape
@@ -209,17 +209,17 @@ class Turning(NamedTuple):
     tips: np.ndarray  # the end of the drawn axis, a unit vector, (k, 3)
     inside: float  # the share of the axis that is inside the body
     momenta: np.ndarray  # the angular momentum over its largest length along the path, (k, 3)
-    path_times: np.ndarray  # the saved times whose states are drawn, (n,)
+    path_times: np.ndarray  # the saved times of the drawn states, (n,)
     path_tips: np.ndarray  # `tips` at the saved times, (n, 3)
     path_momenta: np.ndarray  # `momenta` at the saved times, (n, 3)
     axis: str  # the name of the axis
-    remarks: tuple[str, ...]  # texts to be written on the picture
-    travel: Travel | None  # None if the body stays where it is
+    remarks: tuple[str, ...]  # texts on the picture
+    travel: Travel | None  # None if the body does not translate
     per_frame: float  # rotations from frame to frame
     until: str  # the first of the remarks if the path does not span the picture; otherwise ""
 
     def placed(self, k: int, points: np.ndarray) -> np.ndarray:
-        """Points given from the middle of the body, where they are in the picture of frame k."""
+        """Points relative to the middle of the body, at their positions in the picture of frame k."""
         return points if self.travel is None else self.travel.centres[k] + self.travel.size * points
 
 
@@ -228,7 +228,7 @@ def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list
 
     Between saved states a body is assumed to rotate at a constant rate. If it rotates by more than a right angle
     between two saved states, the attitudes between them are unknown, and the frames show the nearest saved states. A
-    body whose path ends before the others stands still from then on.
+    body whose path ends before the others does not move after its end.
 
     Raises:
         ValueError: a body is not one body that rotates; a path is not of one body with attitudes or axes, or its first
@@ -255,7 +255,7 @@ def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Tur
     direction, name = as_axis(axis)
     path_tips = motion.directions(direction)  # raises before the body is compared with the states
     angles = motion.turns_by(moving.body)
-    # Sorted by ascending time, because a run may go backwards.
+    # Sorted by ascending time, because a run may be backward.
     order = np.argsort(motion.times)
     ascending = motion.times[order]
     within = np.clip(times, ascending[0], ascending[-1])
@@ -304,7 +304,7 @@ def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.
 def _travel(
     moving: Panel, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray
 ) -> tuple[Travel | None, float]:
-    """The position, None if the body does not translate or by less than can be seen, and the magnification."""
+    """The position, and the magnification; None if the body does not translate, or too little to be visible."""
     states, body, shape, box = motion.states, moving.body, moving.shape, moving.box
     if not isinstance(states, TravellingState) or not isinstance(body, FreeBody) or shape is None:
         return None, 1.0
@@ -332,11 +332,11 @@ def _size(body: FreeBody, shape: Shape) -> float:
 
 
 def _magnified(sizes: list[float], tracks: list[np.ndarray], box: np.ndarray | None = None, meet: bool = True) -> float:
-    """By which of 1, 2, 5, 10, 20, 50, ... to draw larger bodies with tracks (n, 3) that can `meet`."""
+    """The factor 1, 2, 5, 10, 20, 50, ... by which to enlarge bodies with tracks (n, 3) that can `meet`."""
     inside = tracks if box is None else [np.concatenate([_wrapped(track, box), box]) for track in tracks]
     seen = _SEEN * CORNER * float(np.max(np.ptp(np.concatenate(inside), axis=0)))
     first, last = (_apart_by(np.stack([track[end] for track in tracks])) for end in (0, -1))
-    # Bodies that meet leave half of the gaps between them. Others may begin at one place.
+    # Bodies that meet leave half of the gaps between them. Others may begin at one position.
     gap = first / 4 if meet else max(first, last, seen) / 2
     wanted = min(seen, gap) / max(sizes)
     if wanted <= 1:
@@ -359,11 +359,11 @@ def _apart_by(positions: np.ndarray) -> float:
 
 
 class Scene(NamedTuple):
-    """The bodies of one panel, at the same times, each with a colour."""
+    """The bodies of one panel at the same times, each with a colour."""
 
     members: tuple[Turning, ...]
     colours: tuple[str, ...]
-    names: tuple[str, ...] = ()  # of paths drawn in one space, "" for one that has none; () for coupled bodies
+    names: tuple[str, ...] = ()  # of paths drawn in one space, "" for a path without name; () for coupled bodies
     around: Around = NOTHING
 
     @property
@@ -389,7 +389,7 @@ class Scene(NamedTuple):
 
     @property
     def tracks(self) -> list[tuple[Turning, Travel, str, str]]:
-        """The bodies whose tracks are drawn, with names and colours; many bodies have thin grey ones if none meet."""
+        """The bodies whose tracks are drawn, with names and colours; many bodies have thin grey tracks if none meet."""
         drawn = self.few or (bool(self.names) and len(self.members) <= _MOST_TRACKS)
         if self.around.box is not None or not drawn:
             return []
@@ -415,14 +415,14 @@ class Scene(NamedTuple):
         return [np.stack([own[0], other]) for own in self.sites(k) for other in own[1:]]
 
     def styles_of_sites(self, first: Any, other: Any) -> tuple[list[str], list[Any]]:
-        """Colours and sizes of all points: `first` and `other` are the sizes in one body; many bodies look alike."""
+        """Colours and sizes of all points: `first` and `other` are the sizes in one body; many bodies look the same."""
         each = [(c, k) for c, m in zip(self.colours, self.members, strict=True) for k in range(len(m.shape.corners))]
         colours = [colour if self.few else SKY if k else VERMILLION for colour, k in each]
         return colours, [other if k else first for _, k in each]
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Texts to be written on the picture: those of the fastest body, and whether paths are shorter."""
+        """Texts on the picture: the remarks of the fastest body, and whether paths are shorter."""
         fastest = max(self.members, key=lambda member: member.per_frame)
         ends = [member.until for member in self.members if member.until]
         if self.alone or not ends or (set(ends) == {fastest.until} and len(ends) == len(self.members)):
@@ -433,7 +433,7 @@ class Scene(NamedTuple):
 
     @property
     def limits(self) -> np.ndarray | None:
-        """The least and the largest coordinates of the picture, (2, 3); None if the body stays where it is."""
+        """The lowest and the highest coordinates of the picture, (2, 3); None if the body does not translate."""
         own = [member.travel.limits for member in self.members if member.travel is not None]
         if own and self.around.planet is not None:
             own.append(1.05 * self.around.planet * np.array([[-1.0] * 3, [1.0] * 3]))
@@ -453,10 +453,10 @@ def scenes(
     """The scenes of the panels, at the times of the frames; see `turnings`.
 
     Args:
-        panels: those of a coupled path show all bodies of it.
+        panels: the panels; a coupled path shows all its bodies in one panel.
         axis, frames, most: as for `turnings`.
-        points: positions in the frame of the body, (a, 3), that are drawn in place of a solid.
-        around: what stands around the bodies.
+        points: positions in the frame of the body, (a, 3), that are drawn instead of a solid.
+        around: the surroundings of the bodies.
         in_one: whether the bodies of all panels are drawn in one space.
     """
     groups = [_in_one_space(panels, points, around)] if in_one else [_bodies_of(one, points, around) for one in panels]
@@ -481,7 +481,7 @@ def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
 
 
 def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Panel]:
-    """Single bodies, all drawn larger by one factor."""
+    """Single bodies, all enlarged by one factor."""
     states: list[Any] = [motion_of(panel.path).states for panel in panels]
     for panel, own in zip(panels, states, strict=True):
         check_body(panel.body, own)

@@ -1,4 +1,4 @@
-"""`Motion`: the part of a path that is drawn, because it can be trusted."""
+"""`Motion`: the trustworthy part of a path, which is drawn."""
 
 from typing import Any, NamedTuple
 
@@ -16,28 +16,28 @@ from ..model.states import AxisState, Coupled, TravellingState, attitude_of
 
 
 class Motion(NamedTuple):
-    """The motion of one body, or of coupled bodies, at n times that all differ, n at least 2."""
+    """The motion of one body, or of coupled bodies, at n different times, n at least 2."""
 
     times: np.ndarray
     states: AnyState
-    failed: str  # what the picture must say if the run failed; "" if it did not
+    failed: str  # the text on the picture if the run failed; "" if it did not
 
     @property
     def turning(self) -> "Motion":
-        """The rotation alone of a body that also translates; the motion itself of any other body."""
+        """Only the rotation of a body that also translates; the motion itself of any other body."""
         states = self.states
         return self._replace(states=states.turning) if isinstance(states, TravellingState) else self
 
     @property
     def has_axis_alone(self) -> bool:
-        """Whether the states hold no attitude but the axis of symmetry."""
+        """Whether the states hold only the axis of symmetry and no attitude."""
         return isinstance(self.turning.states, AxisState)
 
     def directions(self, axis: np.ndarray) -> np.ndarray:
         """The unit vectors in space of an axis of the body, (n, 3).
 
         Raises:
-            ValueError: the states hold no direction in space, or only that of another axis.
+            ValueError: the states hold no direction in space, or only the direction of another axis.
         """
         states = self.turning.states
         if isinstance(states, AxisState):

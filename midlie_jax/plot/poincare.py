@@ -17,9 +17,9 @@ from .labels import name_in_legend
 from .motion import Motion, motion_of
 from .style import BLUE, remark
 
-_NEIGHBOURS = 4  # saved states from which a crossing is interpolated, by a cubic
-_LEAST = 64  # crossings that are computed at once
-_HALVINGS = 55  # how often the interval between two saved states is halved
+_NEIGHBOURS = 4  # saved states for the cubic interpolation of a crossing
+_LEAST = 64  # crossings computed at once
+_HALVINGS = 55  # number of bisections of the interval between two saved states
 _JUMP = 1e-3  # if bisection leaves a larger share of the change of g, g jumps there and does not cross zero
 _Function = Callable[[Any, Any], Any]
 
@@ -29,7 +29,7 @@ class Crossings(NamedTuple, TypedBy[States]):
 
     Attributes:
         times: (k,).
-        states: the states there, of the path's class, with a leading axis (k,).
+        states: the states at the crossings, of the path's class, with a leading axis (k,).
         points: the drawn coordinates, (k, 2).
 
     Examples:
@@ -62,24 +62,24 @@ def poincare(
     label: str | None = None,
     size: float = 2.0,
 ) -> Crossings[StateT]:
-    """Draws a dot wherever a motion crosses the surface `section` = 0.
+    """Draws a dot at each crossing of the surface `section` = 0 by a motion.
 
     The dots lie on a curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Physica D 5 (1982)
     412).
 
-    Between two saved states at which `section` has different signs, the numbers of a state, such as momentum, attitude
-    and position, are interpolated by a cubic through the four nearest saved states, on which the crossing is found by
-    bisection. So the error of a crossing is of fourth order in the time between saved states: save some twenty states
-    per period of `section`. If `section` jumps, as an angle does from pi to -pi, a change of sign at a jump is not a
-    crossing. Call `poincare` again on the same axes for another start.
+    If `section` has different signs at two neighbouring saved states, the numbers of a state, such as momentum,
+    attitude and position, are interpolated by a cubic through the four nearest saved states. Bisection on this cubic
+    finds the crossing. The error of a crossing is therefore of fourth order in the time between saved states; save some
+    twenty states per period of `section`. If `section` jumps, as an angle does from pi to -pi, a change of sign at a
+    jump is not a crossing. Call `poincare` again on the same axes for another initial state.
 
     Args:
-        axes: matplotlib's axes; set their labels yourself.
+        axes: matplotlib's axes; their labels are not set.
         path: a `Path` or `AdaptivePath` of one body, with at least 4 saved states, from `integrate`,
             `integrate_adaptive` or `free_motion`, with any state of one body, or of coupled bodies.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
-        direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
+        direction: 1 for crossings at which `section` increases along the path, -1 if it decreases, 0 for both.
         colour: colour of the dots, any of matplotlib's.
         label: a name for the dots, in the legend.
         size: size of the dots, points.
@@ -154,9 +154,9 @@ def _crossings(motion: Motion, section: _Function, direction: int) -> tuple[Any,
 
 @partial(jax.jit, static_argnums=0)
 def _bisected(section: _Function, times: Array, states: Any, places: Array, signs: Array) -> tuple[Array, Any, Array]:
-    """The times and states at which `section` vanishes, and its value there, from four states for each crossing.
+    """The times and states at which `section` vanishes, and its value there, from four states per crossing.
 
-    `places` are the indices among the four of the state before the crossing; `signs` are 1 where `section` grows.
+    `places` are the indices, among the four, of the state before the crossing; `signs` are 1 if `section` increases.
     """
 
     def crossing(times: Array, states: Any, place: Array, sign: Array) -> tuple[Array, Any, Array]:

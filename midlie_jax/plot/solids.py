@@ -1,8 +1,8 @@
-"""How bodies are drawn: a solid with the moments of inertia of the body, or its points, and a ball for a planet.
+"""Shapes of bodies: a solid with the moments of inertia of the body, or its points, and a ball for a planet.
 
-A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3. So a^2
-is proportional to I2 + I3 - I1. A cylinder of radius r and half length c has I3 = m r^2 / 2 and
-I1 = m r^2 / 4 + m c^2 / 3.
+A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3.
+Therefore a^2 is proportional to I2 + I3 - I1. A cylinder of radius r and half length c has I3 = m r^2 / 2 and I1 = m
+r^2 / 4 + m c^2 / 3.
 """
 
 from typing import Any, NamedTuple
@@ -18,10 +18,10 @@ from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 
 CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1
-_THINNEST = 0.03  # the thickness with which a flat or thin body is drawn, relative to its longest side
-_SIDES = 24  # of the prism that is drawn for a cylinder
-_SMOOTH = (12, 24)  # how many steps the surface of a ball has from pole to pole, and around
-# The corners of a cube, and its six faces as loops of corners, seen from outside counter-clockwise.
+_THINNEST = 0.03  # thickness of a flat or thin body in the picture, relative to its longest side
+_SIDES = 24  # of the prism that represents a cylinder
+_SMOOTH = (12, 24)  # steps of the surface of a ball from pole to pole, and around
+# The corners of a cube, and its six faces as loops of corners, counter-clockwise from outside.
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 FACES = ((4, 6, 7, 5), (0, 1, 3, 2), (2, 3, 7, 6), (0, 4, 5, 1), (1, 5, 7, 3), (0, 2, 6, 4))  # +x -x +y -y +z -z
 
@@ -30,12 +30,12 @@ class Shape(NamedTuple):
     """A convex solid, scaled to the size of a picture."""
 
     corners: np.ndarray  # in the frame of the body, (c, 3), the outermost at the distance CORNER from the middle
-    faces: tuple[tuple[int, ...], ...]  # loops of corners, seen from outside counter-clockwise; () for points
-    round: bool  # whether the faces stand for a curved surface, so that edges between them are not drawn
+    faces: tuple[tuple[int, ...], ...]  # loops of corners, counter-clockwise from outside; () for points
+    round: bool  # whether the faces represent a curved surface, so that edges between them are not drawn
     reach: float  # the true distance of the outermost corner times the root of the mass, from the moments of inertia
 
     def inside(self, direction: np.ndarray) -> float:
-        """How far a ray from the middle stays inside, in the units of the corners."""
+        """The distance that a ray from the middle stays inside, in the units of the corners."""
         if not self.faces:
             return 0.0
         loops = [self.corners[list(face[:3])] for face in self.faces]

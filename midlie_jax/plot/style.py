@@ -1,20 +1,20 @@
-"""What all pictures share: colours that any colour vision distinguishes, the size of names, and an empty figure.
+"""Common style of all pictures: colours for any colour vision, font size of names, and an empty figure.
 
-Text has the colour of the axis labels, and everything but the subject is grey, so both are legible on a light and a
-dark background. matplotlib is an optional dependency, so it is imported only when something is drawn.
+Text has the colour of the axis labels, and everything except the subject is grey, so both are legible on a light and a
+dark background. matplotlib is an optional dependency and is imported only when something is drawn.
 """
 
 from typing import Any
 
 import numpy as np
 
-# Of M. Okabe and K. Ito, Color Universal Design (2008).
+# M. Okabe and K. Ito, Color Universal Design (2008).
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
 SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
-PLANET = "#9fb4c4"  # a pale blue, seen on white and on black, on which all bodies are seen
-GREY = "#8a8a8a"  # for everything but the subject
+PLANET = "#9fb4c4"  # a pale blue, visible on white and on black, on which all bodies are visible
+GREY = "#8a8a8a"  # for everything except the subject
 _SEVERAL = (BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE)
-FEW = len(_SEVERAL)  # as many bodies have colours that are told apart at once
+FEW = len(_SEVERAL)  # number of bodies whose colours can be distinguished
 SIZE = 8.5  # font size of names in a panel, points
 
 
@@ -35,7 +35,7 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def colours_of(count: int) -> list[str]:
-    """A colour for each body; more than `FEW` go from blue through purple to orange, ever lighter, in their order."""
+    """A colour for each body; more than `FEW` range from blue through purple to orange, ever lighter, in order."""
     if count <= FEW:
         return list(_SEVERAL[:count])
     ends = np.array([[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, PURPLE, ORANGE)])
@@ -44,12 +44,12 @@ def colours_of(count: int) -> list[str]:
 
 
 def time_text(t: float) -> str:
-    """A time as it is written on a picture: with four digits, and whole if it is large."""
+    """A time as text on a picture: with four digits, or whole if it is large."""
     return f"{t:,.0f}" if 1e4 <= abs(t) < 1e7 else f"{t:.4g}"
 
 
 def ink(axes: Any) -> Any:
-    """The colour of text on a panel: that of its axis labels."""
+    """The colour of text on a panel, which is the colour of its axis labels."""
     return axes.xaxis.label.get_color()
 
 

@@ -1,4 +1,4 @@
-"""`view`: rotating bodies in one HTML page that needs no network, made by plotly, for a notebook or a file."""
+"""`view`: rotating bodies in one HTML page, made by plotly, for a notebook or a file, without a network."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -16,11 +16,11 @@ from .style import BLUE, GREEN, GREY, ORANGE, PLANET, SKY, time_text
 
 _MOST_FRAMES = 1000
 _MOST_POINTS = 4000
-_MILLISECONDS = 40  # how long a frame is shown
+_MILLISECONDS = 40  # display time of a frame
 _REACH = 1.25
 _HEIGHT = 560  # the height of a view in a notebook, pixels
 _DIGITS = 5  # of the coordinates, relative to the size of the picture
-_DOTS, _MANY_DOTS = (12, 6), (9, 5)  # sizes of the first point of a body and of its others, pixels
+_DOTS, _MANY_DOTS = (12, 6), (9, 5)  # dot sizes of the first point of a body and of its others, pixels
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # of a box, in the order of its faces
 _ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3, the other end, and the side
 _PAGE: dict[str, Any] = {
@@ -29,7 +29,7 @@ _PAGE: dict[str, Any] = {
     "div_id": "midlie-view",  # fixed, so that the same motion gives the same page
     "config": {"displaylogo": False, "responsive": True},
 }
-# The colours of page and text follow the setting of the browser, light or dark; the body is visible on both.
+# The colours of page and text follow the browser setting, light or dark; the body is visible on both.
 _FOLLOW = """
 const gd = document.getElementById('{plot_id}');
 const dark = window.matchMedia('(prefers-color-scheme: dark)');
@@ -49,10 +49,10 @@ follow().then(() => { document.body.dataset.drawn = 'yes'; });
 
 
 class View:
-    """Rotating bodies seen from all sides, in a notebook as the value of a cell, or in a browser.
+    """Rotating bodies viewed from all sides, in a notebook as the value of a cell, or in a browser.
 
     Attributes:
-        file: the file that was written last; None if there is none.
+        file: the last file written; None if there is none.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -91,7 +91,7 @@ class View:
         return target
 
     def _repr_html_(self) -> str:
-        """The page in an HTML frame of its own, so that page and notebook do not interfere."""
+        """The page in a separate HTML frame, so that page and notebook do not interfere."""
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
 
     def __repr__(self) -> str:
@@ -117,27 +117,27 @@ def view(
     As the last value of a notebook's cell it is displayed there, and the notebook grows by 5 MB. It shows a box with
     the body's moments of inertia, an axis of the body and its path on the unit sphere, and the angular momentum over
     its largest length, with its path. All of it is in the space frame, whose axes x, y, z are drawn. Several bodies, or
-    one body moved by several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and
-    loads nothing: it works without a network. It is light or dark like the reader's browser.
+    one body moved by several methods, are drawn side by side at the same times. The page contains plotly, some 5 MB,
+    and works without a network. It is light or dark according to the browser.
 
-    Bodies that translate, that act on each other or whose states hold only an axis are drawn as by `animate`.
+    Bodies that translate, that interact or whose states hold only an axis are drawn as by `animate`.
 
     Args:
         body: as for `animate`.
-        path: as for `animate`. Of more than 4,000 saved states, every second, third, ... is drawn.
+        path: as for `animate`. From more than 4,000 saved states, every second, third, ... is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
         axis: as for `animate`.
-        frames: number of evenly spaced times, at most 1,000. If the body rotates by more than a quarter of a turn from
-            one frame to the next, the picture says by how many turns.
+        frames: number of evenly spaced times, at most 1,000. If the body rotates by more than a quarter of a revolution
+            between frames, the picture gives the number of revolutions.
         title: a line above the picture.
         points, together, box, planet: as for `animate`.
 
     Returns:
-        The `View`, whose `file` is the file that was written.
+        The `View`, whose `file` is the written file.
 
     Raises:
         ValueError: a path is not of one body with attitudes or axes, or not of this kind of body, or its first two
-            states are bad; an argument is out of its range.
+            states are bad; an argument is out of range.
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
 
@@ -157,7 +157,7 @@ def view(
     if find_spec("plotly") is None:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
     figure = _figure([""] if together else [panel.name for panel in given], shown, title)
-    # Blue lines get another blue on a dark page, except those whose colour identifies a body.
+    # Blue lines get another blue on a dark page, except lines whose colour identifies a body.
     alone = [_scene(k) for k, scene in enumerate(shown) if scene.alone]
     lines = [one["scene"] in alone and one.get("line", {}).get("color") == BLUE for one in figure["data"]]
     found = View(figure, np.flatnonzero(lines).tolist())
@@ -174,7 +174,7 @@ def _figure(names: Sequence[str], shown: Sequence[Scene], title: str) -> dict[st
         still += [trace | place for trace in _still(scene, own)]
         first += [trace | place for trace in _moving(scene, own)]
     moving = list(range(len(still), len(still) + len(first)))
-    # Later frames hold only coordinates: colours are those of the first frame, or of the reader's browser.
+    # Later frames hold only coordinates; colours come from the first frame, or from the reader's browser.
     times = [float(t) for t in shown[0].times]
     frames = list[dict[str, Any]]()
     for k in range(len(times)):
@@ -185,12 +185,12 @@ def _figure(names: Sequence[str], shown: Sequence[Scene], title: str) -> dict[st
 
 
 def _scene(k: int) -> str:
-    """Plotly's name for the part of the page in which scene k is seen."""
+    """Plotly's name for the part of the page with scene k."""
     return f"scene{k + 1}" if k else "scene"
 
 
 def _still(scene: Scene, digits: int) -> list[dict[str, Any]]:
-    """The sphere with the paths on it and the axes of space; or the tracks, and what stands around."""
+    """The sphere with the paths on it and the axes of space; or the tracks and the surroundings."""
     first = scene.members[0]
     every = -(-len(first.path_times) // _MOST_POINTS)
     if scene.limits is None:
@@ -296,7 +296,7 @@ def _digits(scene: Scene) -> int:
 
 
 def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Sequence[float]) -> dict[str, Any]:
-    """Where the bodies are seen, their names, the buttons and the slider."""
+    """The layout of the bodies, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
     steps = [{"method": "animate", "label": time_text(t), "args": [[str(k)], stop]} for k, t in enumerate(times)]
@@ -340,12 +340,12 @@ def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Seq
 
 
 def _seen(scene: Scene, place: tuple[Any, Any], columns: float) -> dict[str, Any]:
-    """The part of the page, as fractions, in which one scene is seen, and from where."""
+    """The part of the page, as fractions, for one scene, and its viewpoint."""
     limits = scene.limits
     if limits is None:
         hidden = {"visible": False, "range": [-_REACH, _REACH]}
         axes: dict[str, Any] = {**dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden), "aspectmode": "cube"}
-        near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off what is left and right
+        near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off the left and right sides
     else:
         spans = limits[1] - limits[0]
         grid = {"gridcolor": GREY, "zerolinecolor": GREY, "showbackground": False, "showspikes": False}
@@ -356,8 +356,8 @@ def _seen(scene: Scene, place: tuple[Any, Any], columns: float) -> dict[str, Any
         }
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
-        # Farther away where numbers stand at the axes, and the more so the narrower the part is; and looking at a lower
-        # position, for the names of x and y.
+        # The viewpoint is farther away if the axes have tick labels, and farther for narrower parts; it looks at a
+        # lower position, to show the names of x and y.
         high = spans[2] / spans.max()
         near, lower = (1.75 + 0.25 * high) * max(1.0, 0.6 * columns), -0.1 - 0.1 * high
     eye = {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near}
