@@ -100,7 +100,6 @@ class Hoisted:
 
     @property
     def worthwhile(self) -> bool:
-        """Whether anything is prepared."""
         return bool(self.prepared or self.loops)
 
     def _new(self) -> int:

@@ -71,7 +71,6 @@ class _Term:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _block(term: _Term, rows: Array, argument: Any) -> Any:
-    """The sum over the rows of a block."""
     return _written_out(term, rows, argument)
 
 

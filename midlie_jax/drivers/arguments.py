@@ -82,7 +82,6 @@ def _fitted(method: Method, body: Any) -> Method:
 
 
 def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: int, bath: str | None) -> None:
-    """The part of `check_system` that does not read numbers."""
     check_state("start", start)
     check_body(body, start)
     check_moves(method, body, start)

@@ -213,7 +213,6 @@ def run_of_body(
     progress = all_promoted(progress._replace(verdict=verdict), axes) if leg is None else leg.carried
 
     def move(progress: Progress, n: Array, rows_of_interval: Any) -> Progress:
-        """The progress after the interval that begins with step n."""
         if not isinstance(save_every, int):
             return one.counted(progress, first, save_every, rows, n - first)
         if leg is not None:

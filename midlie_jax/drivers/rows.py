@@ -196,7 +196,6 @@ def _name(path: Any) -> str:
 
 
 def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
-    """The indices of the leaves with rows according to `axes`."""
     names = [axes] if isinstance(axes, str) else axes
     if isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names):
         return _named(torque, names)

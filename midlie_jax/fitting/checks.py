@@ -69,7 +69,6 @@ def checked_model(
 
 
 def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> None:
-    """Raises unless the measurement is possible for this body."""
     kind, state = type(m).__name__, type(start).__name__
     if isinstance(m, Rates) and not isinstance(principal_of(body).turning, RigidBody):
         raise ValueError(f"Rates must be of a rigid body, got a {type(body).__name__} from the model.")

@@ -122,7 +122,6 @@ def _centred(values: Array, present: Array) -> Array:
 
 
 def _correlated(over_sigma: Array, present: Array) -> Bool[Array, ""]:
-    """Whether neighbouring rows are correlated beyond chance."""
     rows, whole = over_sigma.reshape(len(over_sigma), -1), jnp.all(present.reshape(len(present), -1), axis=1)
     if len(rows) < _FEW:
         return jnp.zeros((), bool)

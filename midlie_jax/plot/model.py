@@ -469,7 +469,6 @@ def scenes(
 
 
 def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
-    """The single bodies of one panel."""
     body, states = panel.body, getattr(panel.path, "states", None)
     if isinstance(states, Coupled):
         check_body(body, states)

@@ -133,7 +133,6 @@ def _values(name: str, function: _Function, times: Any, states: Any) -> np.ndarr
 
 
 def _crossings(motion: Motion, section: _Function, direction: int) -> tuple[Any, Any]:
-    """The times and states of the crossings."""
     values = _values("section", section, motion.times, motion.states)
     before, after = values[:-1], values[1:]
     upward, downward = (before < 0) & (after >= 0), (before > 0) & (after <= 0)

@@ -296,7 +296,6 @@ def _digits(scene: Scene) -> int:
 
 
 def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Sequence[float]) -> dict[str, Any]:
-    """The layout of the bodies, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
     steps = [{"method": "animate", "label": time_text(t), "args": [[str(k)], stop]} for k, t in enumerate(times)]

@@ -68,7 +68,6 @@ def whole_variables(batch: Batch, plan: Plan) -> Whole:
 
 
 def _parameters(arguments: Any) -> dict[str, np.ndarray]:
-    """The arrays of body, torque, dt and t0 by name."""
     body, torque, _, dt, t0 = arguments
     arrays = eqx.filter({"body": body, "torque": torque, "dt": dt, "t0": t0}, eqx.is_array)
     return {name: numbers(values) for name, values in named(arrays, ".").items()}

@@ -79,7 +79,6 @@ def lost(path: Path, document: Document) -> list[str]:
 
 
 def restore(path: Path, document: Document, names: list[str]) -> None:
-    """Writes these files again."""
     for name in names:
         file = path / name
         file.parent.mkdir(exist_ok=True)
@@ -104,7 +103,6 @@ def _found(file: Path) -> Any:
 
 
 def _checksum(document: Document) -> int:
-    """The checksum of all sealed data."""
     attributes = document["attributes"]
     own = {name: value for name, value in attributes[ATTRIBUTE].items() if name != _SEAL}
     others = {name: attributes[name] for name in own[_SEALED] if name != ATTRIBUTE}

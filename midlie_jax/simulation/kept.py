@@ -54,7 +54,6 @@ class Kept:
             raise ValueError(f"what is kept of {part} is damaged ({type(error).__name__}: {error}).") from error
 
     def remove(self, group: int) -> None:
-        """Removes the incomplete part of a group."""
         for file in (self._file(group), self._file(group).with_suffix(".new")):
             file.unlink(missing_ok=True)
 

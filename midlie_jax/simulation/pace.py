@@ -29,7 +29,6 @@ class Pace:
         self._seconds = (time.perf_counter() - self._began) / steps
 
     def due(self) -> bool:
-        """Whether the progress must be stored now."""
         return time.perf_counter() - self._kept >= KEPT
 
     def kept(self) -> None:

@@ -80,7 +80,6 @@ class Computation(NamedTuple):
     given: Any = None
 
     def begin(self, group: int) -> Progress:
-        """A group at the beginning of the run."""
         rows, (method, _, mapped, shared) = self.rows(group), self.batch
         mapped, given = jax.tree.map(lambda x: x[rows], (mapped, self.given))
         found = _begun(method, mapped, given, shared, jnp.int32(self.plan.begin), self.plan.chunk)
@@ -233,8 +232,6 @@ def _compute(
 
 @tuned_jit
 def _begun(method: Method, mapped: Any, given: Any, shared: Any, first: Array, chunk: int) -> Carry:
-    """The carry of bodies at the beginning of the run."""
-
     def begun(own: Any) -> Carry:
         mapped, given = own
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)

@@ -64,7 +64,6 @@ class Plan(NamedTuple):
         return slice(group * self.group, min((group + 1) * self.group, self.bodies))
 
     def bodies_in(self, group: int) -> int:
-        """The number of bodies of a group."""
         bodies = self.bodies_of(group)
         return bodies.stop - bodies.start
 
@@ -94,7 +93,6 @@ class Plan(NamedTuple):
         return rows, slice(part.span, part.span + 1) if of_spans else self.saves_of(part.span)
 
     def work(self, parts: Iterable[Part]) -> int:
-        """The body-steps of parts."""
         return sum(self.bodies_in(part.group) * self.steps(part.span) for part in parts)
 
     def groups_of(self, process: int, processes: int) -> range:

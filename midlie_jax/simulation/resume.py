@@ -23,7 +23,6 @@ class Resumed(NamedTuple):
     repaired: tuple[str, ...]
 
     def missing(self, plan: Plan) -> int:
-        """The body-steps of these groups that must be computed."""
         todo = (Part(s, group) for group, done in self.spans.items() for s in range(done, plan.spans))
         begun = sum(plan.bodies_in(group) * progress.steps for group, progress in self.groups.items())
         return plan.work(todo) - begun

@@ -160,8 +160,6 @@ def _of_store(source: File) -> Mapping[str, Any]:
 
 
 def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyState]) -> Any:
-    """The body of states of this kind."""
-
     def found(name: str, axes: int) -> np.ndarray | None:
         """The parameter of this body, which may be one per body or one for all."""
         name = parameter(name) if "." in name else name

@@ -111,7 +111,6 @@ class Store(Sink):
         return self._kept.read(part)
 
     def forget_begun(self, group: int) -> None:
-        """Removes the incomplete part of a group."""
         self._kept.remove(group)
 
     def state(self, part: Part) -> tuple[Arrays, np.ndarray]:

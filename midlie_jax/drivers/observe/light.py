@@ -27,7 +27,6 @@ class Light(Observable):
     magnitude: bool = eqx.field(static=True)
 
     def _view(self, sun: Any, observer: Any, phase: Any, magnitude: bool) -> None:
-        """Sets the checked attributes of this class."""
         self.sun, self.observer = as_direction("sun", sun), as_direction("observer", observer)
         if phase is not None:
             require_function("phase", phase, "angle")

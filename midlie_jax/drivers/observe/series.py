@@ -71,6 +71,5 @@ class Series(Statistic):
         return name.removesuffix(field) + self.fields[0]
 
     def of_bodies(self, values: Any, good: Array, interval: Array) -> Any:
-        """The statistic of the values (bodies, k, ...) of all bodies."""
         alone = jax.tree.map(lambda x: x[None], self.part(values, good))
         return self.result(self.merged(alone), interval)

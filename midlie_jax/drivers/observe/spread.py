@@ -94,7 +94,6 @@ def _joined(a: Sums, b: Sums) -> Sums:
 
 
 def _value_about(mean: Array, part: Sums) -> Array:
-    """The value, for this removed mean."""
     shift, terms = mean - part.mean, part.first[:, 1]
     factors = part.first[:, 2 : 2 + len(shift)]
     return part.value + jnp.where(terms > 0, jnp.sum(shift**2) - _ratio(jnp.sum(shift[None] * factors, -1), terms), 0)
