@@ -114,11 +114,11 @@ def ensemble(
         dt, t0: (), or (n,) with one value for each body.
         save_every: save the state every `save_every` steps, beginning with the initial state, as in `integrate`. `None`
             returns only the final state and needs memory only for that.
-        torque_axes: which parameters of the torque have one row per body. By default "auto": the parameters for which
-            one row each makes the torque act on one body. If the shapes allow several readings, as (3,) does with three
-            bodies, a ValueError shows what to write. None: all bodies share every parameter. 0: every parameter has
-            rows. A list of names, such as ["weight"] or ["terms[1].field"]: these have rows. A tree like the torque's
-            with leaves 0 and None works like the `in_axes` of `jax.vmap`.
+        torque_axes: which parameters of the torque have one row per body. By default "auto": the choice for which the
+            torque acts on one body. If the shapes allow several readings, as (3,) does with three bodies, a ValueError
+            shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list of names,
+            such as ["weight"] or ["terms[1].field"]: these have rows. A tree like the torque's with leaves 0 and None
+            works like the `in_axes` of `jax.vmap`.
         chunk: number of bodies moved at once; by default the number that is fastest on this machine.
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
         mesh: devices over which the bodies are spread, along all axes of the mesh; `jax.make_mesh((4,), ("bodies",))`
@@ -168,7 +168,7 @@ def ensemble(
 
 
 def _prepared_steps(steps: int) -> int:
-    """The length of the table of prepared inputs; one length, and program, serves up to 4 times more steps."""
+    """The length of the table of prepared inputs; one program then serves up to 4 times more steps."""
     length = _LEAST_TABLE
     while length < steps:
         length *= 4

@@ -217,7 +217,8 @@ class Stepper:
         Args:
             carry: from `init`, `step`, `advance` or `Path.carry`.
             torque: a torque of the same class and structure with other parameters, for this step only.
-            body: likewise. The momentum is conserved. With the body at the middle of each step the run is of order 2.
+            body: likewise. The momentum does not change. With the body at the middle of each step the run is of order
+                2.
 
         Raises:
             ValueError: the torque or the body has another structure, shape or dtype.

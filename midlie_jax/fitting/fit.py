@@ -95,8 +95,8 @@ def fit(
 
     Raises:
         ValueError: an argument is invalid, there are too few measurements, the rates have another unit than the guess
-            of a free body, or the attitudes contradict the convention of the rates of the same body. It is raised
-            before anything is traced.
+            of a free body, or the attitudes follow another convention according to the rates of the same body. It is
+            raised before anything is traced.
         UndeterminedError: a ValueError. The fit converged and its residuals can be noise, but the measurements do not
             determine all parameters. The message names the parameters that are not identifiable; `result` of the error
             holds the fit.

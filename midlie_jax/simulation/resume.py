@@ -1,4 +1,4 @@
-"""Where a run continues: the store of each group is checked, and damaged parts are computed again."""
+"""Where a run continues: the stored data of each group are checked, and damaged parts are computed again."""
 
 from typing import NamedTuple
 

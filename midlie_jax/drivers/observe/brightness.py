@@ -92,8 +92,9 @@ class Brightness(Light):
     """The brightness of a surface: the sum of area albedo law over the facets that are lit and visible.
 
     It has units of area for an albedo of one, up to the solar flux and the distances; or it is a magnitude, -2.5 log10
-    of it. Facets do not shadow or hide each other, which is exact for convex surfaces. It is called as `brightness(t,
-    state)`, and can be passed as `observe`. Its derivatives are correct where facets rotate into the dark.
+    of it. Facets do not shadow or hide each other, which is exact for convex surfaces. It is called as
+    `brightness(t, state)`, and can be passed as `observe`. Its derivatives are correct where facets rotate into the
+    dark.
 
     Attributes:
         surface: the facets, in the frame of the body.

@@ -19,7 +19,7 @@ from .observables import Observable
 
 
 class Light(Observable):
-    """Sunlight that a body sends to an observer; also called as `light(t, state)`."""
+    """Sunlight that a body sends to an observer; also callable as `light(t, state)`."""
 
     sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
     observer: Float[Array, "*batch 3"] | Callable[[Any], Array]

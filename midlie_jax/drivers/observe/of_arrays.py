@@ -22,7 +22,7 @@ def autocorrelation(
     centred: bool = False,
     normalised: bool = False,
 ) -> Correlation:
-    """The autocorrelation of saved values; equal to `Autocorrelation` during a run.
+    """The autocorrelation of saved values, as computed by `Autocorrelation` during a run.
 
     Args:
         values: (n, k) or (n, k, m): k consecutive values of each of n bodies, numbers or vectors.
@@ -52,7 +52,7 @@ def spectrum(
     window: Any = "hann",
     detrend: bool = True,
 ) -> Density:
-    """The spectrum of saved values; equal to `Spectrum` during a run.
+    """The spectrum of saved values, as computed by `Spectrum` during a run.
 
     Args:
         values, interval, first_bad: as for `autocorrelation`.
