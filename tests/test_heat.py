@@ -137,7 +137,7 @@ def test_free_bodies_come_to_the_maxwell_distribution(flight, dtype, hot):
 
 
 STEPS = 99
-# Where two steps share an iteration of the loop, the last one of an odd number has an idle step after it.
+# Where two steps share an iteration of the loop, the last one of an odd number is in a loop of its own.
 UNROLLED_FIRST: list = sorted(RIGID_FLIGHTS, key=lambda flight: -ml.method(f"{flight.name}[BAOAB]").unroll)
 
 

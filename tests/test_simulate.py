@@ -284,6 +284,23 @@ def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
     assert f"body {min(failed)} from saved state {bad.first_bad[min(failed)]}" in str(bad)
 
 
+@pytest.mark.sample(0)
+def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
+    """Its start is a state like any other; what a step makes of it is not. Also from a carry."""
+    moments = jnp.array([[2.0, 2.4, 2.5], [2.0, -1.0, 2.5]])
+    body = eqx.tree_at(lambda body: body.moments, ml.RigidBody([2.0, 2.0, 2.5]), moments)
+    start = ml.RigidState(jnp.ones((2, 3)), jnp.asarray(np.eye(4)[[0, 0]]))
+    run = {"dt": 0.05, "steps": 6, "save_every": 2}
+    ensemble = ml.ensemble("JACOBI[EA]", body, None, start, **run)
+    simulation = ml.simulate("JACOBI[EA]", body, None, start, out=tmp_path / "run.npz", span=2, **run)
+    np.testing.assert_array_equal(simulation.first_bad, ensemble.first_bad)
+    assert ensemble.first_bad.tolist() == [4, 1]
+    ensemble = ml.ensemble("JACOBI[EA]", body, None, ensemble.carry, **run)
+    simulation = ml.simulate("JACOBI[EA]", body, None, simulation.carry, out=tmp_path / "next.npz", span=2, **run)
+    np.testing.assert_array_equal(simulation.first_bad, ensemble.first_bad)
+    assert ensemble.first_bad.tolist() == [4, 0]
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("changes", "message"),

@@ -208,9 +208,9 @@ def run_of_body(
         start = finite_start(start, good, on_body(torque, body), t0, (body, dt))
     one = OneStep(method, system, t0, dt, shared, axes)
     progress = method.begin(system, start, time_of(t0, dt, first)) if carried is None else carried
-    verdict = at_start(body, good, counted)
-    verdict = verdict if carried is None else earlier(carried.verdict, verdict)
-    progress = all_promoted(progress._replace(verdict=verdict), axes) if leg is None else leg.carried
+    progress = progress if leg is None else leg.carried
+    verdict = earlier(progress.verdict, at_start(body, good, counted))
+    progress = all_promoted(progress._replace(verdict=verdict), axes)
 
     def move(progress: Progress, n: Array, rows_of_interval: Any) -> Progress:
         if not isinstance(save_every, int):

@@ -21,7 +21,6 @@ from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, check_carried
 from ..methods.base import Method
-from ..methods.verdict import at_start, earlier
 from .names import named
 from .plan import Part, Plan
 from .sink import Arrays, Begun
@@ -236,11 +235,9 @@ def _begun(method: Method, mapped: Any, given: Any, shared: Any, first: Array, c
         mapped, given = own
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         system = method.system(body, torque, start, t0, dt)
-        if given is None:
-            progress, verdict = method.begin(system, start, time_of(t0, dt, first)), at_start(body)
-        else:
+        if given is not None:
             check_carried(given, system, method)
-            progress, verdict = given, earlier(given.verdict, at_start(body))
-        return Carry(first, progress._replace(verdict=verdict), system.kind)
+        progress = method.begin(system, start, time_of(t0, dt, first)) if given is None else given
+        return Carry(first, progress, system.kind)
 
     return jax.lax.map(begun, (mapped, given), batch_size=chunk)

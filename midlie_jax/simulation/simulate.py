@@ -234,7 +234,7 @@ def _in_store(
             if changed:
                 raise ValueError(
                     f"{path} holds another run: {'; '.join(changed)}. Choose another name, or repeat the call that "
-                    "began that run. A longer run starts from the last state of this one, with first_step=."
+                    "began that run. A longer run starts from the carry of this one."
                 )
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)

@@ -3,7 +3,7 @@
 The root holds the data for readers: the variables of the run, `time`, `first_bad`, and attributes that describe the
 run. The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
 
-The group `checkpoint` holds the data for resuming: the state of each body at the end of the last two spans (in one slot
+The group `checkpoint` holds the data for resuming: the progress of each body at the end of the last two spans (in one slot
 for even and one for odd spans), and a commit per part with the checksums of all data of the part. The commit is written
 last, in one atomic operation. Data that a killed process wrote but did not commit are written again by the resumed run.
 For a long part, the group also holds a file with its progress (`kept.py`).
@@ -263,7 +263,7 @@ def create(
         path: the folder, which must not exist.
         plan, identity: see `Store`.
         seen: the variables that the parts write.
-        state: the arrays of the states of all bodies.
+        state: the arrays of the progress of all bodies.
         whole: variables available before the run, such as the time.
         attributes: the attributes of the root.
 
