@@ -285,6 +285,23 @@ def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
 
 
 @pytest.mark.sample(0)
+@pytest.mark.parametrize(("span", "first_bad"), [(None, 1), (15, 1), (8, 8), (12, 12)])
+def test_a_gain_of_energy_is_found_in_spans_of_any_length(tmp_path, span, first_bad):
+    """From 128 steps of the run on, also where no span has as many and where the last one is short."""
+    torque = ml.torques.FromPotential(lambda t, state: jnp.sum(state.position**2) / 2)
+    start = ml.ParticleState(jnp.full((3, 2), 1e-3), jnp.zeros((3, 2)))
+    run = {"dt": 2.002, "save_every": 10}
+
+    def simulated(start, out, **options):
+        return ml.simulate("Verlet", ml.Particles(jnp.ones(2)), torque, start, out=tmp_path / out, **run, **options)
+
+    assert simulated(start, "run.npz", steps=200, span=span).first_bad.tolist() == [first_bad] * 3
+    before = simulated(start, "before.npz", steps=70)
+    assert before.ok.all()
+    assert not simulated(before.carry, "after.npz", steps=200, span=span).ok.any()
+
+
+@pytest.mark.sample(0)
 def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
     """Its start is a state like any other; what a step makes of it is not. Also from a carry."""
     moments = jnp.array([[2.0, 2.4, 2.5], [2.0, -1.0, 2.5]])

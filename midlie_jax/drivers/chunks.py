@@ -87,17 +87,17 @@ def run_ensemble(
     fixed = save_every if isinstance(save_every, int) else None
 
     def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> Path[Any]:
-        (mapped, carried, begins), every = own, given if fixed is None else fixed
+        (mapped, progresses, begins), every = own, given if fixed is None else fixed
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
-        own_leg = None if leg is None else Leg(ends[0], ends[1], carried)
+        own_leg = None if leg is None else Leg(*ends, *progresses)
         run = method, adjoint, body, torque, start, dt, t0, first, intervals, every
         path = run_of_body(*run, inputs, rows, observe, own_leg, guarded, begins)
         return end_alone(path) if at_end else path
 
     out_axes: Any = Path(0 if own_times else None, 0, 0, 0, 0, 0)  # pyright: ignore[reportArgumentType]
     run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None, None), out_axes=out_axes)
-    ends = None if leg is None else (leg.begin, leg.end)
-    mapped = mapped, None if leg is None else leg.carried, begins
+    ends, progresses = (None, None) if leg is None else (leg[:3], leg[3:])
+    mapped = mapped, progresses, begins
 
     def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> Path[Any]:
         path = run_of_bodies(mapped, *common)

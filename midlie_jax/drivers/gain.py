@@ -35,13 +35,11 @@ def with_gain_judged(
     h: Array,
     steps: int | Array,
     progress: Progress,
-    whole: Array | bool = True,
 ) -> Progress:
     """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy.
 
     Args:
         steps: number of steps; an array if it is an argument of the program.
-        whole: whether all steps end here, and not only a leg; legs then change no result.
     """
     judged = steps >= _LEAST_STEPS
     potential = None if judged is False else _potential(system, start, t)
@@ -53,7 +51,7 @@ def with_gain_judged(
     gain = (kinetic[1] - kinetic[0]) + (height[1] - height[0])
     given = kinetic[0] + jnp.maximum(height[0] - height[1], 0)
     eps = jnp.finfo(gain.dtype).eps
-    gained = judged & whole & (gain > _MOST * given + _ROUNDING * eps * jnp.abs(height[0]))
+    gained = judged & (gain > _MOST * given + _ROUNDING * eps * jnp.abs(height[0]))
     unstable = gained & _moves(system, _ROUNDING * float(eps), h, jax.lax.stop_gradient(progress.motion))
     return progress._replace(verdict=earlier(progress.verdict, jnp.where(unstable, UNSTABLE, FINE)))
 

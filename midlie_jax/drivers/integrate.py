@@ -200,9 +200,12 @@ def run_of_body(
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
+    begun = start  # of the whole run, if this is a leg
     if carried is not None:
         check_carried(carried, system, method)
         start = all_promoted(system.state(carried.motion), axes)
+    if leg is not None and leg.given is not None:
+        begun = all_promoted(system.state(leg.given.motion), axes)
     given, good = start, cp.all_finite(start) if guarded else jnp.asarray(True)
     if guarded:
         start = finite_start(start, good, on_body(torque, body), t0, (body, dt))
@@ -236,8 +239,8 @@ def run_of_body(
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
     steps = intervals * save_every
-    whole = leg is None or leg.end == steps
-    progress = with_gain_judged(system, start, t0, dt, steps, progress, whole)
+    begun, judged = (start, steps) if leg is None else (begun, leg.judged)
+    progress = with_gain_judged(system, begun, t0, dt, judged, progress)
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
     if leg is not None:  # a failure in the leg does not affect states saved before it
         trusted = trusted | (interval_starts - first + save_every <= leg.begin)

@@ -25,12 +25,16 @@ class Leg(NamedTuple):
     Attributes:
         begin: (), 0 or the end of another leg.
         end: (), a stop, see `next_stop`.
+        judged: (), the steps of the whole run up to the end of the leg if a gain of energy is judged there, else 0.
         carried: the progress of each body at the beginning of the leg.
+        given: the progress at the beginning of the whole run if it is from a `Carry`, else None.
     """
 
     begin: Array
     end: Array
+    judged: Array
     carried: Progress
+    given: Progress | None
 
 
 def iteration(method: Method, save_every: int) -> int:

@@ -130,6 +130,9 @@ class Computation(NamedTuple):
         stop = min(stop, plan.steps(part.span))
         # From NumPy arrays, because for arrays on a mesh JAX would compile the program again.
         begun, first_bad, carried = jax.tree.map(jnp.asarray, (before.begun, before.first_bad, before.carried))
+        given = jax.tree.map(lambda x: x[rows], self.given)
+        # At the end of a part alone, so that legs change no result.
+        judged = plan.first_step(part.span) - plan.begin + stop if stop == plan.steps(part.span) else 0
         found = _compute(
             self.batch.method,
             Values(self.observe.observable) if isinstance(self.observe, Series) else self.observe,
@@ -142,7 +145,7 @@ class Computation(NamedTuple):
             plan,
             self.mesh,
             tables,
-            Leg(jnp.int32(before.steps), jnp.int32(stop), carried),
+            Leg(jnp.int32(before.steps), jnp.int32(stop), jnp.int32(judged), carried, given),
         )
         seen, carried, first_bad = jax.tree.map(np.asarray, found)
         # The previous part writes the initial state of a part.

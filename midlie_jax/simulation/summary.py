@@ -31,7 +31,8 @@ class Simulation(NamedTuple, TypedBy[States]):
         bodies, steps: the size of the whole run.
         saves: the number of saved states per body, including the initial one.
         first_bad: (n,), for each body the index of its first saved state that cannot be trusted; `saves` if there is
-            none. The first bad step is between the previous saved state and this one.
+            none. The first bad step is between the previous saved state and this one. A gain of energy is judged at the
+            end of each span, against the start of the run; then it is the first state of that span after the start.
         computed: the number of body-steps computed by this call; less than bodies times steps if it resumed a run, or
             if several processes share it.
         seconds: the run time of this call, including compilation.
