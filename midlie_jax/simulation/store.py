@@ -3,10 +3,10 @@
 The root holds the data for readers: the variables of the run, `time`, `first_bad`, and attributes that describe the
 run. The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
 
-The group `checkpoint` holds the data for resuming: the progress of each body at the end of the last two spans (in one slot
-for even and one for odd spans), and a commit per part with the checksums of all data of the part. The commit is written
-last, in one atomic operation. Data that a killed process wrote but did not commit are written again by the resumed run.
-For a long part, the group also holds a file with its progress (`kept.py`).
+The group `checkpoint` holds the data for resuming: the progress of each body at the end of the last two spans (in one
+slot for even and one for odd spans), and a commit per part with the checksums of all data of the part. The commit is
+written last, in one atomic operation. Data that a killed process wrote but did not commit are written again by the
+resumed run. For a long part, the group also holds a file with its progress (`kept.py`).
 """
 
 import os
