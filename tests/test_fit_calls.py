@@ -81,6 +81,59 @@ def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
     np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
 
 
+def rooted(values):
+    """A ball whose rate is not a number if the parameter is below 0.9."""
+    return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(jnp.sqrt(values["square"] - 0.9) * jnp.ones(3))
+
+
+@pytest.mark.sample(0)
+def test_a_start_that_is_not_finite_does_not_count():
+    """Among eight starts some give NaN at once, and the others are fitted as the guess is."""
+    data = Rates(np.arange(5.0), np.sqrt(0.2) + 1e-3 * np.random.default_rng(0).standard_normal((5, 3)), 1e-3)
+    one, many = (
+        ml.fit(rooted, {"square": Free([1.0])}, data, method="RK4", dt=0.5, starts=starts, spread=0.3)
+        for starts in (1, 8)
+    )
+    assert one.ok
+    assert many.ok
+    np.testing.assert_allclose(many.coordinates, one.coordinates, rtol=1e-6)
+
+
+NO_SOLVERS = {
+    "another shape": (lambda residuals, x, most: (x[:1], 1, True), r"got shapes \(1,\), \(\), \(\)"),
+    "no vector": (lambda residuals, x, most: (0.0, 1, True), r"got shapes \(\), \(\), \(\)"),
+    "two of three": (lambda residuals, x, most: (x, 1), r"got shapes \(3,\), \(\);"),
+    "the optimum alone": (lambda residuals, x, most: x, r"got an array of shape \(3,\)"),
+    "several verdicts": (lambda residuals, x, most: (x, 1, x > 0), r"got shapes \(3,\), \(\), \(3,\)"),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", NO_SOLVERS)
+def test_what_a_solver_returns_is_checked(name):
+    solver, message = NO_SOLVERS[name]
+    with pytest.raises(ValueError, match=rf"solver must return \(optimum, steps, converged\).*{message}"):
+        try_fit(spin(), solver=solver)
+
+
+@pytest.mark.sample(0)
+def test_a_solver_that_ends_at_no_number_has_failed():
+    """Whatever it returns as its verdict; and among several starts another one counts."""
+    found = try_fit(spin(), solver=lambda residuals, x, most: (x * jnp.nan, 1, True))
+    assert found.result is fitting.Result.RUN_FAILED
+    assert "the model refuses the values at the end of the search: momentum must be finite" in found.message
+    assert "NOT ok" in str(found)
+
+    def diverging(residuals, x, most):
+        """Stays near the optimum, and from everywhere else goes where the model gives NaN."""
+        return jnp.where(jnp.sum(residuals(x) ** 2) < 100.0, x, x - 1e4), 1, True
+
+    data = Rates(np.arange(5.0), np.sqrt(0.2) * np.ones((5, 3)), 1e-3)
+    many = try_fit(data, rooted, {"square": Free([1.1])}, solver=diverging, starts=4)
+    assert many.ok
+    np.testing.assert_allclose(many.coordinates, 1.1)
+
+
 TIMED = np.arange(5.0)
 WRONG = {
     "no rows": (lambda: Rates([], np.zeros((0, 3)), 0.1), "at least one row"),
@@ -110,6 +163,7 @@ WRONG = {
     "no parameter": (lambda: try_fit(spin(), guess={}), "guess must hold a parameter, got none"),
     "a number as parameter": (lambda: try_fit(spin(), guess={"rate": jnp.zeros(3)}), "wrap it"),
     "an unknown bias": (lambda: try_fit(spin(bias="drift")), "'drift', which is not in the guess"),
+    "of a body, too": (lambda: try_fit(fitting.OfBody(0, spin(bias="drift"))), "bias of Rates .* got 'drift'"),
     "no attitude": (lambda: try_fit(Attitudes(TIMED, np.eye(4)[[0] * 5], 0.1)), "return a RigidState"),
     "another method": (lambda: try_fit(spin(), method="EULER"), "unknown"),
     "many segments": (lambda: try_fit(spin(), segments=9), "segments must not be too many for the steps, got 9"),

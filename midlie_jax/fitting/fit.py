@@ -16,6 +16,7 @@ from ..drivers.arguments import as_method
 from ..methods.base import Method
 from .checks import checked_model
 from .estimate import Result, complaint, confounded
+from .instruments import of_which
 from .measurements import Measurement, check_parts
 from .noise import aliases_of
 from .parameters import Layout
@@ -82,11 +83,11 @@ def fit(
         solver: a function solver(residuals, start, max_steps) -> (optimum, steps, converged) instead of the
             Levenberg-Marquardt method. It minimises the sum of the squares of residuals(x), x (u,), from x = start,
             with JAX operations; derivatives of `residuals` are computed in forward mode. For example, it can call
-            `optimistix.least_squares` with an optimiser of optax.
+            `optimistix.least_squares` with an optimiser of optax. Pass the same function again to reuse compiled code.
         max_steps: the largest number of steps of the optimiser from each initial guess.
         require_rank: if False, data that do not determine all parameters give a result with `ok` False, and no error.
         progress: whether to show a line on stderr; by default only if stderr is a terminal. Or a function that is
-            called with 1 after each step of the search.
+            called with 1 after each step of the search. With a `solver` there is no progress to show.
 
     Returns:
         The result; print it for a table. `ok` is False if a run failed, the optimiser did not converge, or the
@@ -170,7 +171,7 @@ def prepare(
     )
     names = set(guess) if isinstance(guess, dict) else set[str]()
     for measurement in listed:
-        check_parts(measurement, names)
+        check_parts(of_which(measurement)[1], names)
     times = np.concatenate([np.asarray(m.times) for m in listed])
     check_grid(times, dt, t0)
     count = sum(int(np.sum(np.asarray(m.present))) for m in listed)

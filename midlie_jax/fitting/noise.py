@@ -147,6 +147,8 @@ def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement])
     found: list[Doubt] = []
     for i, (over_sigma, measurement) in enumerate(zip(residuals, measurements, strict=True)):
         kind = type(measurement).__name__
+        if not np.any(np.isfinite(over_sigma)):
+            continue
         size = np.sqrt(np.mean(np.asarray(measurement.values) ** 2))
         rms = np.sqrt(np.nanmean((over_sigma * np.asarray(measurement.sigma)) ** 2))
         if not np.isfinite(rms) or rms <= _negligible(measurement.sigma.dtype) * size:
@@ -222,7 +224,10 @@ def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any)
     The rates of a free body need only rows dense enough for the changes of the rates; a body that spins fast about an
     axis of symmetry may rotate many times between them.
     """
-    body, torque, start = model(values)
+    try:
+        body, torque, start = model(values)
+    except ValueError:  # at the end of a failed run
+        return ""
     if not np.all(np.isfinite(start.momentum)):
         return ""
     by_body: dict[int | None, list[Measurement]] = {}

@@ -278,7 +278,10 @@ def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
     """The time at which the run of the best parameters failed, and a step that should work."""
     problem = plan.problem.single()
     dt, method = problem.grid.dt, problem.method
-    _, body, (_, paths), _ = problem.run(estimate.vector, data)
+    try:
+        _, body, (_, paths), _ = problem.run(estimate.vector, data)
+    except ValueError as error:
+        return f"the model refuses the values at the end of the search: {error}"
     times, bad = np.asarray(paths.times[0]), int(paths.first_bad[0])
     if bad >= len(times):
         return "the model gives numbers that are not finite at a measured time, though its run is good; check the data."

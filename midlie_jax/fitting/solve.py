@@ -21,6 +21,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from .._checks.arguments import described
 from .._xla.compiler import exact_jit
 from .estimate import Estimate, estimate_at, lengths_of
 from .measurements import Measurement
@@ -127,7 +128,8 @@ def look(search: Search, data: Data, problem: Problem) -> Search:
 
     factor = jnp.linalg.qr(jnp.concatenate([jacobian / lengths[None], found[:, None]], axis=1), mode="r")
     count = trial.size
-    residuals = jnp.where(accepted, found, search.residuals)
+    # If the start is not finite, neither is its loss: it must not count as a perfect fit among several starts.
+    residuals = jnp.where(accepted | first, found, search.residuals)
     triangle = jnp.where(accepted, factor[:count, :count], search.triangle)
     turned = jnp.where(accepted, factor[:count, count], search.turned)
     place = jnp.where(accepted, search.trial, search.place)
@@ -142,7 +144,7 @@ def look(search: Search, data: Data, problem: Problem) -> Search:
     settled = accepted & ~first & _small(search.trial - search.place, search.trial, search)
     settled = settled & _small(found - search.residuals, found, search)
     # A further step could gain less than the rounding of the sum of squares.
-    hidden = ~accepted & (jnp.abs(search.promised) <= 8 * jnp.finfo(trial.dtype).eps * search.loss)
+    hidden = ~accepted & ~first & (jnp.abs(search.promised) <= 8 * jnp.finfo(trial.dtype).eps * search.loss)
     converged = settled | hidden
     after = Search(
         search.start, lengths, place, residuals, triangle, turned, jnp.where(accepted, good, search.good),
@@ -261,18 +263,34 @@ def _by_solver(solver: Solver, max_steps: int, problem: Problem, data: Data, sta
     def scaled(z: Array) -> Array:
         return residuals(start + z.astype(start.dtype) / lengths, data, problem).astype(z.dtype)
 
-    optimum, steps, converged = solver(scaled, jnp.zeros(start.size), max_steps)
+    optimum, steps, converged = _checked(solver(scaled, jnp.zeros(start.size), max_steps), start.size)
     vector = start + optimum.astype(start.dtype) / lengths
-    converged = jnp.asarray(converged) & jnp.all(jnp.isfinite(vector))
+    converged = converged & jnp.all(jnp.isfinite(vector))
     return replace(
         look(begin(problem, data, vector), data, problem), steps=jnp.asarray(steps, jnp.int32), converged=converged
     )
 
 
+def _checked(found: Any, size: int) -> tuple[Array, Array, Array]:
+    """What a custom solver returned, as arrays; a ValueError if it is anything else."""
+    shapes = tuple(jnp.shape(part) for part in found) if isinstance(found, tuple | list) else ()
+    if shapes != ((size,), (), ()):
+        got = f"shapes {', '.join(map(str, shapes))}" if shapes else described(found)
+        raise ValueError(
+            f"solver must return (optimum, steps, converged) of shapes ({size},), () and (), got {got}; return the "
+            "optimum in the shape of start."
+        )
+    optimum, steps, converged = found
+    return jnp.asarray(optimum), jnp.asarray(steps), jnp.asarray(converged, bool)
+
+
 def _best(absolute_sigma: bool, data: Data, found: Search) -> Estimate:
-    """The estimate from the best of the searches (s, ...); one that did not converge is used only if none did."""
+    """The estimate from the best of the searches (s, ...).
+
+    A search that did not converge, or whose run failed, is used only if there is no other.
+    """
     losses = jnp.where(jnp.isnan(found.loss), jnp.full_like(found.loss, jnp.inf), found.loss)
-    first = jnp.lexsort((losses, ~found.converged))[0]
+    first = jnp.lexsort((losses, ~found.good, ~(found.converged & found.good)))[0]
     best: Search = jax.tree.map(lambda x: x[first], found)
     jacobian = best.triangle * best.lengths[None]
     at_optimum = (best.residuals, best.good, jacobian)
