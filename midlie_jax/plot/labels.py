@@ -10,6 +10,7 @@ _MARK = "midlie_jax.plot.labels"  # marks the names at the edge of a panel
 _LINE, _NEXT_LINE = 1.3, 1.2  # distance of two names, and of two lines of one name, in font sizes
 _LEADER = 14.0  # points from the edge of the panel to the names
 _WIDEST = 0.5  # the largest share of the panel's width for names
+_WIDEST_LEGEND = 0.4  # the largest share for a legend on 3-D axes; a wider one has one word per line
 
 
 def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -32,8 +33,14 @@ def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list
 
 def name_in_legend(axes: Any) -> None:
     """Shows the labels of all lines on the axes in a legend."""
-    place = "upper left" if is_3d(axes) else "best"
-    axes.legend(loc=place, fontsize=SIZE, labelcolor=ink(axes), markerscale=2.0, framealpha=0.7, edgecolor="none")
+    style = {"fontsize": SIZE, "labelcolor": ink(axes), "markerscale": 2.0, "framealpha": 0.7, "edgecolor": "none"}
+    if not is_3d(axes):
+        axes.legend(loc="best", **style)
+        return
+    legend = axes.legend(loc="upper left", **style)
+    if legend.get_window_extent().width > _WIDEST_LEGEND * axes.bbox.width:  # it would cover the axis that points up
+        for text in axes.legend(loc="upper left", handlelength=1.0, **style).get_texts():
+            text.set_text("\n".join(text.get_text().split()))
 
 
 def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> None:
