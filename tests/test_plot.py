@@ -310,6 +310,10 @@ WRONG = {
         "path must be a path of a rigid body .*got Crossings",
     ),
     "observed": (lambda axes, p: bare.axis_path(axes, p._replace(states=p.times)), "Integrate without observe="),
+    "several observed": (
+        lambda axes, p: bare.axis_path(axes, p._replace(states=(p.times, p.times))),
+        "got Path that holds tuple. Integrate without observe=",
+    ),
     "batch": (lambda axes, p: bare.axis_path(axes, batch_of(p)), r"path must be of one body.*\(2, 601, 3\)"),
     "no attitude": (lambda axes, p: bare.axis_path(axes, p._replace(states=SPINS)), "needs the attitude"),
     "all bad": (lambda axes, p: bare.axis_path(axes, failing(p, 1)), "path must have 2 good states, got 1"),

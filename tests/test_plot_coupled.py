@@ -40,6 +40,10 @@ def apart(count, kind=ml.CoupledState):
     return body if kind is ml.CoupledState else body.body, path
 
 
+def named(body, path):
+    return body, {"one": path, "again": path}
+
+
 def spun(path, i, k):
     return np.asarray(ml.so3.to_matrix(path.states.attitude[k, i]))
 
@@ -172,6 +176,8 @@ def test_a_section_of_coupled_bodies():
         (lambda axes: ml.plot.axis_path(axes, apart(FEW + 1)[1]), "path must hold at most 6 bodies, got 7"),
         (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "path must hold at most 12 paths, got 13"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.ones(3)), "points must be (a, 3)"),
+        (lambda axes: ml.plot.animate(*apart(2), points=np.nan * SITES), "points must be finite"),
+        (lambda axes: ml.plot.view(*named(*apart(2, ml.CoupledRigidState))), "path must be one path, got a mapping"),
         (lambda axes: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),
     ],
 )

@@ -12,7 +12,7 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
-from ..model.states import OrientedState, TravellingState
+from ..model.states import Coupled, OrientedState, TravellingState
 from .labels import name_in_legend
 from .motion import Motion, motion_of, path_of_one
 from .style import BLUE, FEW, GREY, colours_of, is_3d, remark
@@ -72,7 +72,8 @@ def axis_path(
         >>> figure.savefig("axis.png")
     """
     direction, name = as_axis(axis)
-    count = getattr(getattr(path, "states", None), "count", 0)
+    states = getattr(path, "states", None)
+    count = states.count if isinstance(states, Coupled) else 0
     if count > FEW:
         raise ValueError(
             f"path must hold at most {FEW} bodies, got {count}. Draw some of them: "

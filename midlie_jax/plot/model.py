@@ -471,6 +471,11 @@ def scenes(
 def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
     body, states = panel.body, getattr(panel.path, "states", None)
     if isinstance(states, Coupled):
+        if not isinstance(states, TravellingState):
+            raise ValueError(
+                f"path must be one path, got a mapping or a list with {type(states).__name__}s, whose bodies have one "
+                "panel each. Draw each path alone, or take body i by path._replace(states=path.states.of_body(i))."
+            )
         check_body(body, states)
         bodies = enumerate(_each_body(body, states.count))
         return _in_one_space([Panel("", own, path_of_one(panel.path, i)) for i, own in bodies], points, around, True)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks.arguments import as_floats
+from .._checks.arguments import as_floats, require_finite
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
@@ -67,6 +67,7 @@ def shape_of(body: Any, points: Any = None) -> Shape:
     sites = np.asarray(as_floats("points", points), float)
     if sites.ndim != 2 or sites.shape[1] != 3 or not len(sites):
         raise ValueError(f"points must be (a, 3), positions in the frame of the body, got {sites.shape}.")
+    require_finite("points", sites)
     if not isinstance(body, FreeBody):
         raise ValueError(f"body must be a FreeBody, whose mass gives points their scale, got {body_named(body)}.")
     return Shape(sites * (CORNER * float(body.mass) ** 0.5 / solid.reach), (), False, solid.reach)
