@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.text import Text
-from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Text3D
 
 import midlie_jax as ml
@@ -59,8 +59,9 @@ def extent(text, renderer):
     """The extent of a text without its leader; on 3-D axes at the place where it is drawn."""
     if not isinstance(text, Text3D):
         return Text.get_window_extent(text, renderer)
-    place = text.get_position_3d()
-    text.set_position(proj3d.proj_transform(*place, text.axes.get_proj())[:2])
+    place, axes = text.get_position_3d(), text.axes
+    assert isinstance(axes, Axes3D)
+    text.set_position(proj3d.proj_transform(*place, axes.get_proj())[:2])
     found = Text.get_window_extent(text, renderer)
     text.set_position(place[:2])
     return found
