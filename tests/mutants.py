@@ -141,8 +141,8 @@ MUTANTS = {
     "clock": Mutant("drivers/clock.py", "_EXACT_BITS = 24", "_EXACT_BITS = 31", "test_inputs.py -k exact_index"),
     "index of a step": Mutant(
         "drivers/integrate.py",
-        "interval_starts = first + save_every * numbers",
-        "interval_starts = save_every * numbers",
+        "interval_starts = first + save_every * jnp.arange(",
+        "interval_starts = save_every * jnp.arange(",
         "test_runs.py test_paths.py -k continued",
     ),
     "last chunk": Mutant(

@@ -295,7 +295,7 @@ def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
     torque = torques.GravityGradient(BODY.moments, tabled(), MU) + torques.Damping(0.1)
     starts = jax.tree.map(lambda x: jnp.stack([x, x]), START)
     long = {**RUN, "steps": 61}
-    message = r"holds a TableOrbit from t = -1 to 2, but the run asks for times from -1 to 2.05"
+    message = r"holds a TableOrbit from t = -1 to 2, but the run needs times from -1 to 2.05"
     with pytest.raises(ValueError, match=message):
         ml.integrate("JACOBI[EA]", BODY, torque, START, **long)
     with pytest.raises(ValueError, match=message):

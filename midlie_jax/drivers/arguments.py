@@ -233,7 +233,7 @@ def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
         if low < first.max() - slack or high > last.min() + slack:
             raise ValueError(
                 f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run "
-                f"asks for times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
+                f"needs times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
             )
 
 

@@ -359,7 +359,7 @@ def _check_alike(name: str, value: Any, like: Any) -> None:
     """Raises unless a pytree has the same structure, shapes and dtypes as another."""
     if jax.tree.structure(value) != jax.tree.structure(like):
         raise ValueError(
-            f"{name} must have the structure of that of the stepper, {_form(like)}, got {_form(value)}; "
+            f"{name} must have the structure that the stepper was made with, {_form(like)}, got {_form(value)}; "
             "make another stepper for it."
         )
     for leaf, other in zip(jax.tree.leaves(value), jax.tree.leaves(like), strict=True):
@@ -368,8 +368,8 @@ def _check_alike(name: str, value: Any, like: Any) -> None:
             jnp.result_type(other),
         ):
             raise ValueError(
-                f"{name} must have the shapes and dtypes of that of the stepper, {_form(like)}, got {_form(value)}; "
-                "cast it, or make another stepper for it."
+                f"{name} must have the shapes and dtypes that the stepper was made with, {_form(like)}, got "
+                f"{_form(value)}; cast it, or make another stepper for it."
             )
 
 

@@ -227,7 +227,7 @@ def _in_store(
             if UNSEEN in now:
                 raise ValueError(
                     f"{path} cannot be resumed: the torque or observe calls {now[UNSEEN]}, outside the compiled "
-                    "program, and nobody can see whether that code or its numbers have changed. Write it in JAX "
+                    "program, where changes of that code or its numbers cannot be detected. Write it in JAX "
                     "instead of a callback, or compute the run anew under another name."
                 )
             changed = differences(existing.identity, now)
