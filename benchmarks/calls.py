@@ -117,7 +117,7 @@ def first_rows() -> Iterator[list[str]]:
 
 
 def write(lines: list[str]) -> None:
-    """Puts all first calls into their data file, and those of two programs into the page."""
+    """Writes all first calls to their data file, and the first calls of two programs into the page."""
     kept = ("JACOBI[EA], a heavy top", "GBS12, gravity gradient")
     publish("reports/speed.md", *FIRST_MARKS, lines, "first-calls", lambda row: row[0].startswith(kept))
 

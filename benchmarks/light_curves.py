@@ -146,7 +146,7 @@ def stacked(values):
 
 
 def write(intervals, fits):
-    """Puts all intervals into a data file, and those of moments and periods and the table of fits into the page."""
+    """Writes all intervals to a data file; moments, periods and the table of fits go into the page."""
     save("light-curves", intervals)
     key = part(intervals, lambda row: row[0].startswith(("I1", "I2", "precession", "rotation")))
     put(PAGE, BEGIN, END, [*key, "", link("light-curves"), "", *fits])

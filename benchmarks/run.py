@@ -349,7 +349,7 @@ def table(lines):
 
 
 def write(whole):
-    """Puts the whole table into its data file, and the rows of `KEY` and those of C in float64 into the page."""
+    """Writes the whole table to its data file; the rows of `KEY` and of C in float64 go into the page."""
     publish("reports/speed.md", BEGIN, END, whole, "speed", is_key, (0, 2, 3))
 
 

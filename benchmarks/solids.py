@@ -32,7 +32,7 @@ MARKERS = {
 
 
 def write(name: str, lines: list[str]) -> None:
-    """Puts a table into the page; of the times of a step, those of the finest mesh in float64."""
+    """Writes a table into the page; the times of a step are for the finest mesh in float64."""
     if name == "cost":
         finest = lambda row: row[0] == "3072" and row[2] == "float64"  # noqa: E731
         publish(PAGE, *MARKERS[name], lines, "solids-cost", finest, (3, 4, 5))

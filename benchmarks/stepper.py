@@ -209,7 +209,7 @@ TABLES = {
 
 
 def write(marks, lines):
-    """Puts a table into the page; those of custom programs have data files, and key rows on the page."""
+    """Writes a table into the page; tables of custom programs have data files, and key rows on the page."""
     if marks == JIT:
         publish("reports/speed.md", *marks, lines, "custom-programs", lambda row: row[1:3] == ["float64", "1024"])
     elif marks == GRADIENT:

@@ -146,7 +146,7 @@ def key_rows(rows: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def texts_of(page: str) -> dict[str, str]:
-    """What a page says about each scene, without the table, by the name of the scene."""
+    """The text of a page on each scene, without the table, by the name of the scene."""
     found: dict[str, str] = {}
     for section in re.split(r"^(?=## )", page, flags=re.MULTILINE):
         name = section.removeprefix("## ").partition(":")[0]
@@ -184,7 +184,7 @@ def keep(name: str, heads: Sequence[str], file: str, rows: Sequence[Sequence[str
 
 
 def scene_report(name: str, out: Path, quick: bool) -> str:
-    """Measures and draws a scene, and keeps its data; returns what the page says about it."""
+    """Measures and draws a scene, and keeps its data; returns its text for the page."""
     comparison = work_precision.compared(name, quick=quick)
     problem, rows = comparison.problem, comparison.ratios
     picture = out / f"work-precision-{name}.png"
@@ -221,7 +221,7 @@ def scene_report(name: str, out: Path, quick: bool) -> str:
 
 
 def section(title: str, errors: str, times: str, spin: str, picture: str, name: str) -> str:
-    """What the page says about a scene, up to the table."""
+    """The text of the page on a scene, up to the table."""
     return f"""## {title}
 
 {errors}

@@ -228,17 +228,24 @@ def ensembles(count: int, **options: Any) -> Any:
 
 
 def simulated(case: Case, tmp_path: Any) -> Any:
-    """In one part and in several, which must have the same bits, but for the frame of a tensor: see `TensorBody`."""
-    ends = []
-    for name, cut in (("one", {}), ("several", {"group": 2, "span": 2, "chunk": 2})):
-        out = tmp_path / f"{name}.zarr"
-        given = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": 22, "progress": False, "chunk": 2, **cut}
+    """In one part, in several, and in two runs of which the second starts from the carry of the first.
+
+    They must have the same bits, but for the frame of a tensor: see `TensorBody`.
+    """
+
+    def run(name: str, start: Any, steps: int, **cut: Any) -> ml.Simulation[Any]:
+        given = {"dt": DT, "t0": T0, "steps": steps, "save_every": 22, "progress": False, "chunk": 2, **cut}
         torque, given["torque_axes"] = case.torque(case.keys()), case.torque_axes
-        run = ml.simulate(case.scene.method, case.body, torque, case.starts(), out=out, **given)
-        ends.append(jax.tree.map(np.asarray, run.states()))
-    agree(ends[1], ends[0], case.allowed if isinstance(case.scene.body, ml.TensorBody) else 0.0)
+        return ml.simulate(case.scene.method, case.body, torque, start, out=tmp_path / f"{name}.zarr", **given)
+
+    one = run("one", case.starts(), STEPS).states()
+    several = run("several", case.starts(), STEPS, group=2, span=2)
+    second = run("second", run("first", case.starts(), 22, group=2).carry, STEPS - 22, group=2)
+    allowed = case.allowed if isinstance(case.scene.body, ml.TensorBody) else 0.0
+    agree(several.states(), one, allowed)
+    agree(second.states(), jax.tree.map(lambda x: x[:, 1:], one), allowed)
     for row in range(BODIES):
-        yield at(ends[0], row), at(reference(case, row), slice(0, STEPS + 1, 22))
+        yield at(one, row), at(reference(case, row), slice(0, STEPS + 1, 22))
 
 
 def solved(case: Case, tmp_path: Any) -> Any:

@@ -70,13 +70,22 @@ class Computation(NamedTuple):
     Attributes:
         batch, observe, plan, mesh: the run.
         given: the initial progress of all bodies, from a `Carry`, or None.
+        like: the carry of one body, with a leading axis, as a pytree of shapes and dtypes.
     """
 
     batch: Batch
     observe: Observe | None
     plan: Plan
     mesh: Mesh
-    given: Any = None
+    given: Any
+    like: Carry
+
+    @classmethod
+    def of(cls, batch: Batch, observe: Observe | None, plan: Plan, mesh: Mesh, given: Any) -> "Computation":
+        method, _, mapped, shared = batch
+        one = jax.tree.map(lambda x: x[:1], (mapped, given))
+        like = eqx.filter_eval_shape(_begun, method, *one, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
+        return cls(batch, observe, plan, mesh, given, like)
 
     def begin(self, group: int) -> Progress:
         rows, (method, _, mapped, shared) = self.rows(group), self.batch
@@ -100,13 +109,6 @@ class Computation(NamedTuple):
         carried = jax.tree.unflatten(jax.tree.structure(before.carried), [x[rows] for x in begun.carried])
         pieces = (begun.seen,) if begun.seen else ()
         return before._replace(carried=carried, first_bad=begun.first_bad[rows], steps=begun.steps, seen=pieces)
-
-    @property
-    def like(self) -> Carry:
-        """The carry of one body, with a leading axis, as a pytree of shapes and dtypes."""
-        method, _, mapped, shared = self.batch
-        mapped, given = jax.tree.map(lambda x: x[:1], (mapped, self.given))
-        return eqx.filter_eval_shape(_begun, method, mapped, given, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
 
     def carry(self, groups: dict[int, Progress]) -> Carry | None:
         """The carry of all bodies at the end of the run; None if other processes hold some of them."""

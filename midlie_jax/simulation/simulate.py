@@ -139,7 +139,7 @@ def simulate(
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
     own = checked_attributes(attributes, taken_names(batch, observe, seen, plan) if attributes else ())
-    computation = Computation(batch, observe, plan, _local(mesh), given)
+    computation = Computation.of(batch, observe, plan, _local(mesh), given)
     described_by = {**attributes_of(batch, plan), **own}
     if path.suffix == ".npz":
         first_bad, computed, repaired, carry = _in_memory(computation, path, seen, progress, described_by)
