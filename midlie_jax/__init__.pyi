@@ -21,6 +21,7 @@ from .drivers.adjoints import Forward as Forward
 from .drivers.adjoints import Reversible as Reversible
 from .drivers.energy import energy as energy
 from .drivers.ensemble import ensemble as ensemble
+from .drivers.export import register_for_export as register_for_export
 from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import integrate as integrate
 from .drivers.path import AdaptivePath as AdaptivePath

@@ -1,5 +1,7 @@
 """`ml.stepper` and carries: pure steps under every transformation of JAX, under other parameters, and in loops."""
 
+import subprocess
+import sys
 from functools import partial
 
 import equinox as eqx
@@ -8,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import RIGID_FLIGHTS, quick
+from jax import export
+from path_scenes import STATES, default_method, torque_for
 
 import midlie_jax as ml
 
@@ -261,3 +265,54 @@ def test_many_bodies_stay_in_vectors_in_a_program_of_the_user():
 
     assert sorts(64, True) > sorts(64, False) > 0
     assert sorts(2, True) == sorts(2, False) == 0
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_carries_paths_and_states_of_every_kind_are_exported(state):
+    body, start = STATES[state]
+    method, torque = default_method(state), torque_for(state)
+    ml.register_for_export(*[type(x) for x in (torque, body) if isinstance(x, eqx.Module)])
+    one = ml.stepper(method, body, torque, start, dt=DT)
+    path = jax.eval_shape(partial(ml.integrate, method, body, torque, start, dt=DT, steps=2))
+    for value in (one.init(), body, path, start):
+        if one.init().kind.__name__ == "CheckeredState" and value is not body and value is not start:
+            with pytest.raises(ValueError, match="made at run time"):
+                export.export(jax.jit(lambda x: x))(value).serialize()
+            continue
+        stored = export.export(jax.jit(lambda x: x))(value).serialize()
+        assert export.deserialize(stored).in_tree == jax.tree.structure(((value,), {}))
+
+
+LOADED = """
+import sys, pathlib, jax
+jax.config.update("jax_enable_x64", True)
+import midlie_jax as ml
+ml.register_for_export()
+run = jax.export.deserialize(pathlib.Path(sys.argv[1]).read_bytes())
+path = run.call(ml.RigidBody([5.0, 4.0, 1.0]), ml.RigidState([1.0, 2.0, 9.0], [1.0, 0.0, 0.0, 0.0]))
+print(bool(path.ok), path.result == ml.RESULTS.successful, path.states.momentum.tolist())
+"""
+
+
+def test_an_exported_run_has_the_same_bits_in_another_process(tmp_path):
+    ml.register_for_export()
+    run = jax.jit(lambda body, start: ml.integrate("JACOBI[EA]", body, top(), start, dt=DT, steps=4))
+    start = ml.RigidState([1.0, 2.0, 9.0], [1.0, 0.0, 0.0, 0.0])
+    (tmp_path / "run").write_bytes(export.export(run)(BODY, start).serialize())
+    script = "import jax.export\n" + LOADED
+    command = [sys.executable, "-c", script, str(tmp_path / "run")]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    assert printed == f"True True {run(BODY, start).states.momentum.tolist()}"
+
+
+class WithFunction(eqx.Module):
+    size: jax.Array
+    function: object = eqx.field(static=True)
+
+
+def test_what_cannot_be_exported_is_refused():
+    with pytest.raises(TypeError, match="classes must be Equinox modules"):
+        ml.register_for_export(dict)
+    ml.register_for_export(WithFunction)
+    with pytest.raises(ValueError, match="static field must be"):
+        export.export(jax.jit(lambda own: own.size))(WithFunction(jnp.ones(3), jnp.sin)).serialize()

@@ -1,0 +1,125 @@
+"""`register_for_export`: how states, bodies, torques, carries and paths are stored by `jax.export`."""
+
+import json
+from importlib import import_module
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax import export
+
+from ..methods.base import Progress
+from ..methods.system import Motion
+from ..model import states, torques
+from ..model.bodies import Body
+from ..model.free_body import Momenta, Place
+from ..model.state import State
+from ..model.states.compensated import CompensatedPose
+from ..model.wrench import Wrench
+from .path import AdaptivePath, Path
+from .results import RESULTS
+from .stepper import Carry
+
+_PLAIN = bool | int | float | str | None
+_TUPLES = Progress, Momenta, Place, CompensatedPose, Path, AdaptivePath
+_RESULT: Any = type(RESULTS.successful)
+_registered: set[type] = set()
+
+
+def register_for_export(*classes: type) -> None:
+    """Registers the classes of this package with `jax.export`, as inputs and outputs of stored programs.
+
+    Call it before `serialize`, and again in the program that calls `deserialize`. A `Stepper` or a function in a torque
+    cannot be an input; the exported function uses it as a constant.
+
+    Args:
+        classes: Equinox modules of your own, such as a torque, with static fields that are numbers, strings, classes
+            or tuples of these.
+
+    Raises:
+        TypeError: a class is not an Equinox module.
+        ValueError: when a program is stored: a static field has another value, such as a function.
+
+    Examples:
+        >>> ml.register_for_export()
+        >>> top = ml.stepper("JACOBI[EA]", body, torque, start, dt=0.01)
+        >>> exported = jax.export.export(jax.jit(top.step))(top.init())
+        >>> int(exported.call(top.init()).index)
+        1
+    """
+    for own in classes:
+        if not (isinstance(own, type) and issubclass(own, eqx.Module)):
+            raise TypeError(f"classes must be Equinox modules, got {own!r}. Derive the class from equinox.Module.")
+    named = (*vars(states).values(), *vars(torques).values())
+    found = [value for value in named if isinstance(value, type) and issubclass(value, eqx.Module)]
+    for tuples in _TUPLES:
+        if tuples not in _registered:
+            export.register_namedtuple_serialization(tuples, serialized_name=_name(tuples))
+            _registered.add(tuples)
+    for module in {*found, *_all_below(State), *_all_below(Body), Motion, Wrench, Carry, _RESULT, *classes}:
+        if module in _registered or not (module in classes or _is_ours(module)):
+            continue
+        export.register_pytree_node_serialization(
+            module,
+            serialized_name=_name(module),
+            serialize_auxdata=_serialized,
+            deserialize_auxdata=_deserialized,
+        )
+        _registered.add(module)
+
+
+def _all_below(base: type) -> list[type]:
+    return [base, *(kind for below in base.__subclasses__() for kind in _all_below(below))]
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.startswith(("midlie_jax.", "equinox.")) and _has_name(kind)
+
+
+def _has_name(kind: type) -> bool:
+    return getattr(import_module(kind.__module__), kind.__qualname__, None) is kind
+
+
+def _name(kind: type) -> str:
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _serialized(aux: Any) -> bytes:
+    # Equinox keeps the attributes of a wrapped function first, and then the static fields.
+    if isinstance(aux[0], tuple):
+        raise ValueError("a module that wraps a function cannot be exported. Use it as a constant of the function.")
+    return json.dumps([_as_json(value) for value in aux[1:]]).encode()
+
+
+def _deserialized(stored: bytes) -> Any:
+    return _missing(), *(_from_json(value) for value in json.loads(stored))
+
+
+def _missing() -> Any:
+    return jax.tree_util.default_registry.flatten_one_level(Wrench(jax.numpy.zeros(3), jax.numpy.zeros(3)))[1][0]
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, type):
+        if not _has_name(value):
+            raise ValueError(
+                f"the class {value.__qualname__} was made at run time and cannot be exported. Export states."
+            )
+        return {"class": _name(value)}
+    if isinstance(value, tuple):
+        return {"tuple": [_as_json(one) for one in value]}
+    if isinstance(value, _PLAIN):
+        return value
+    raise ValueError(
+        f"a static field must be a number, a string or a class, got {value!r}. Use the object as a constant of the "
+        "exported function."
+    )
+
+
+def _from_json(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "tuple" in value:
+        return tuple(_from_json(one) for one in value["tuple"])
+    module, _, name = value["class"].partition(":")
+    return getattr(import_module(module), name)
