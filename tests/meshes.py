@@ -24,6 +24,7 @@ from simulated import ATTITUDES, MOMENTA, MOMENTS, WEIGHTS  # noqa: E402
 import midlie_jax as ml  # noqa: E402
 
 START = ml.RigidState(jnp.asarray(MOMENTA), jnp.asarray(ATTITUDES))
+BODIES, TOPS = ml.RigidBody([1.0, 1.0, 2.0]), ml.torques.HeavyTop(1.5)
 BODY, TOP = ml.RigidBody(jnp.asarray(MOMENTS)), ml.torques.HeavyTop(jnp.asarray(WEIGHTS))
 
 
@@ -89,6 +90,52 @@ def explicit():
     return {"same": same, "messages in loops": 0}
 
 
+def integrated(body, torque, start):
+    return ml.integrate("JACOBI[EA]", body, torque, start, dt=0.05, steps=20, save_every=10).states
+
+
+def with_variable_steps(body, torque, start):
+    run = {"density": ml.densities.Spin([1.0, 1.0, 2.0], reference=3.0, floor=1.0), "dt": 0.05, "steps": 20}
+    return ml.integrate_adaptive("JACOBI[EA]", body, torque, start, **run).states
+
+
+def carries(body, torque, start):
+    one = ml.stepper("JACOBI[EA]", BODIES, TOPS, jax.tree.map(lambda x: x[0], START), dt=0.05)
+    return jax.vmap(one.state)(jax.vmap(one.step)(jax.vmap(one.init)(start)))
+
+
+def ensemble_of(body, torque, start):
+    return ml.ensemble("JACOBI[EA]", body, torque, start, dt=0.05, steps=20, save_every=10, chunk=6).states
+
+
+def mean_of(body, torque, start):
+    observe = ml.observe.Mean(ml.observe.Energy())
+    return ml.ensemble("JACOBI[EA]", body, torque, start, dt=0.05, steps=20, observe=observe).states
+
+
+def slope_of(run):
+    def size(torque, body, start):
+        return sum(jnp.sum(x**2) for x in jax.tree.leaves(run(body, torque, start)))
+
+    return lambda body, torque, start: jax.grad(size)(torque, body, start)
+
+
+def in_a_program_of_arrays_with_a_mesh_in_their_type():
+    """Each way to take steps, in the user's own program, on arrays that are spread over an explicit mesh."""
+    ways = [jax.vmap(integrated), jax.vmap(with_variable_steps), carries, mean_of]
+    ways += [slope_of(jax.vmap(integrated)), slope_of(ensemble_of)]
+    where, same = mesh(4, AxisType.Explicit), True
+    arguments = jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[:48]), (BODY, TOP, START))
+    for way in ways:
+        alone = jax.jit(way)(*arguments)
+        with jax.set_mesh(where):
+            spread = jax.device_put(arguments, NamedSharding(where, P("bodies")))
+            found = jax.jit(way)(*spread)
+        pairs = zip(jax.tree.leaves(found), jax.tree.leaves(alone), strict=True)
+        same = same and all(np.allclose(np.asarray(x), np.asarray(y), rtol=1e-11, atol=1e-11) for x, y in pairs)
+    return {"same": same, "messages in loops": 0}
+
+
 if __name__ == "__main__":
     checks = {
         "tops": tops,
@@ -96,4 +143,5 @@ if __name__ == "__main__":
         "heated": heated,
         **{name: partial(observed, observe) for name, observe in OBSERVED.items()},
     }
-    print(json.dumps({**{name: compared(check) for name, check in checks.items()}, "explicit": explicit()}))
+    typed = {"explicit": explicit(), "typed": in_a_program_of_arrays_with_a_mesh_in_their_type()}
+    print(json.dumps({**{name: compared(check) for name, check in checks.items()}, **typed}))

@@ -215,7 +215,7 @@ def planet(speed=0.5):
 
 
 def orbit(start, dt=0.05, density=by_distance, **options):
-    body = ml.Particles(jnp.ones((), start.momentum.dtype))
+    body = ml.Particles(jnp.ones((), getattr(start, "like", start).momentum.dtype))
     return ml.integrate_adaptive("Verlet", body, pull, start, density=density, dt=dt, **options)
 
 
@@ -228,6 +228,35 @@ def test_the_energy_of_an_eccentric_orbit_does_not_drift():
     first, last = error[:400], error[-400:]
     assert np.abs(error).max() < 0.02
     assert abs(last.mean() - first.mean()) < 0.02 * np.abs(error).max()
+
+
+def test_runs_in_blocks_have_the_bits_of_one_run():
+    """From a carry, with and without t1."""
+    start = planet()
+    whole = orbit(start, steps=40, save_every=20)
+    part = orbit(start, steps=20, save_every=20)
+    rest = orbit(part.carry, steps=20, save_every=20)
+    parts = zip((rest.times, rest.states, rest.rho), (whole.times, whole.states, whole.rho), strict=True)
+    for found, expected in parts:
+        jax.tree.map(lambda x, y: np.testing.assert_array_equal(x, y[1:]), found, expected)
+    assert (int(rest.taken), int(rest.carry.index)) == (20, 40)
+    t1, end = float(part.times[-1]) + 1e-3, float(whole.times[-1])
+    until = orbit(start, steps=40, save_every=20, t1=t1)
+    on = orbit(until.carry, steps=40, save_every=20, t1=end)
+    assert (float(until.times[-1]), float(on.times[-1]), bool(on.ok)) == (t1, end, True)
+    np.testing.assert_allclose(on.states.position[-1], whole.states.position[-1], atol=2e-3)
+
+
+def test_a_carry_of_another_driver_is_refused():
+    part = orbit(planet(), steps=2)
+    body = ml.Particles(jnp.ones(()))
+    with pytest.raises(ValueError, match="t0 and rho must be left out"):
+        orbit(part.carry, steps=2, rho=1.0)
+    other = ml.integrate("Verlet", body, pull, planet(), dt=0.01, steps=2).carry
+    with pytest.raises(ValueError, match="must be the carry of an AdaptivePath"):
+        orbit(other, steps=2)
+    with pytest.raises(ValueError, match="variable steps"):
+        ml.integrate("Verlet", body, pull, part.carry, dt=0.01, steps=2)
 
 
 @pytest.mark.sample(0)

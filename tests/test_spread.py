@@ -28,7 +28,7 @@ def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
     script = Path(__file__).parent / "meshes.py"
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=600, check=True)
     found = json.loads(done.stdout.splitlines()[-1])
-    assert set(found) == {"tops", "orbit", "heated", "mean", "autocorrelation", "spectrum", "explicit"}
+    assert set(found) == {"tops", "orbit", "heated", "mean", "autocorrelation", "spectrum", "explicit", "typed"}
     for name, result in found.items():
         assert (name, result["same"], result["messages in loops"]) == (name, True, 0)
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.sharding import PartitionSpec as P
 
 from .internals import traced, varying_axes
 
@@ -36,6 +37,17 @@ def promoted(value: Any, axes: Axes) -> Any:
     """The number or array, promoted to vary along these axes as well."""
     missing = axes - axes_of(value)
     return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
+
+
+def is_spread(tree: Any) -> bool:
+    """Whether the rows of any array lie on several devices of a mesh whose axes are part of the array's type."""
+    return any(jax.typeof(x).sharding.spec[:1] not in ((), (None,)) for x in jax.tree.leaves(tree))
+
+
+def row_of(x: Any, number: Any = 0) -> Array:
+    """One row of an array, on every device if its rows are spread as in `is_spread`."""
+    rows, *others = jax.typeof(x).sharding.spec
+    return (x if rows is None else jax.sharding.reshard(x, P(None, *others)))[number]
 
 
 def all_promoted(tree: Any, axes: Axes) -> Any:

@@ -32,6 +32,7 @@ from typing import Any, NamedTuple, overload
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from .._checks.arguments import LEAST_ULPS, as_count, require_finite, require_function, same_dtype
@@ -55,6 +56,7 @@ from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
 from .results import result_of
+from .stepper import Carry, check_carried
 
 # The last step may exceed dt / half by this fraction. Otherwise rounding could leave one more, tiny step.
 _SLACK = 1e-3
@@ -79,7 +81,7 @@ def integrate_adaptive(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState,
+    start: AnyState | Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -107,11 +109,27 @@ def integrate_adaptive(
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
 ) -> AdaptivePath[StateT]: ...
+@overload
 def integrate_adaptive(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: StateT,
+    start: Carry,
+    *,
+    density: DensityLike,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    t1: float | Array | None = ...,
+    rho: float | Array | None = ...,
+    adjoint: Adjoint | None = ...,
+) -> AdaptivePath[Any]: ...
+def integrate_adaptive(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT | Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -131,16 +149,18 @@ def integrate_adaptive(
     similar numbers of steps in one batch. Each body has its own times. Functions of time alone, such as a common orbit,
     are therefore computed per body.
 
-    The run is reversible: start at the last state with -dt, and pass the last `rho` of the path as `rho`. It then takes
-    the same steps and returns to the initial state up to rounding. A run that ends at `t1` is not reversible, because
-    its last step is cut short.
+    A run continues bit for bit from `path.carry`, also to another `t1`. The run is reversible: start at the last state
+    with -dt, and pass the last `rho` of the path as `rho`. It then takes the same steps and returns to the initial
+    state up to rounding. A run that ends at `t1` is not reversible, because its last step is cut short.
 
     Compiled on the first call for each method, torque, density function, shape and number of steps. Differentiable with
     respect to every array, in forward and reverse mode; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
 
     Args:
         method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
-        body, torque, start, t0, observe: as for `midlie_jax.integrate`.
+        body, torque, t0, observe: as for `midlie_jax.integrate`.
+        start: the initial state. Or the `carry` of an `AdaptivePath`, without `t0` and `rho`; method, body, torque,
+            density and dt must then be the same as for that path.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
             function object to reuse the compiled program.
         dt: step length where the density is 1, (), may be negative.
@@ -148,8 +168,8 @@ def integrate_adaptive(
         save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state are
             repeated. None: only the final state.
         t1: the exact end time, (); dt must point from t0 to t1.
-        rho: the initial rho, (); by default the density at the initial state. To continue or reverse a run from a saved
-            state, pass the entry of `path.rho` at that state.
+        rho: the initial rho, (); by default the density at the initial state. To reverse a run from a saved state, or
+            to continue from it up to rounding, pass the entry of `path.rho` at that state.
         adjoint: `Checkpointed()`, the default without `t1`; or `Forward()`, the default with `t1`, which stops when all
             bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, because reverse mode needs a
             fixed number.
@@ -181,9 +201,11 @@ def integrate_adaptive(
             f"{type(observe).__name__} needs values at equal intervals, and these steps differ; give it to "
             "midlie_jax.integrate or midlie_jax.ensemble."
         )
+    carried = start if isinstance(start, Carry) else None
+    state: Any = start if carried is None else _state_of(carried, t0, rho)
     refused = "integrate_adaptive chooses its steps by the state, and in a heat bath that would bias averages"
-    method = check_system(as_method(method), body, torque, start, bath=refused)
-    if isinstance(start, SpinState):
+    method = check_system(as_method(method), body, torque, state, bath=refused)
+    if isinstance(state, SpinState):
         raise ValueError("spins run with a constant step; use midlie_jax.integrate, ensemble or simulate.")
     if not method.symmetric:
         raise ValueError(
@@ -191,11 +213,11 @@ def integrate_adaptive(
             "take for example LIEMID[EA] or JACOBI[SRKN6b]."
         )
     require_function("density", density, "t, state")
-    same_dtype("start.momentum", start.momentum, density=density)
+    same_dtype("start.momentum", state.momentum, density=density)
     for leaf in jax.tree.leaves(eqx.filter(density, eqx.is_inexact_array)):
         require_finite("density", leaf)
-    dtype = start.momentum.dtype
-    dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
+    dtype = state.momentum.dtype
+    dt, begin = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype) if carried is None else carried.clock.t
     check_step(method, dt)
     if rho is not None:
         rho = as_scalar("rho", rho, dtype)
@@ -203,14 +225,24 @@ def integrate_adaptive(
             raise ValueError(f"rho must be positive, got {rho}; pass an entry of `rho` of a path, or None.")
     if t1 is not None:
         t1 = as_scalar("t1", t1, dtype)
-        if not any(cp.is_traced(x) for x in (t0, t1, dt)) and (t1 - t0) * dt < 0:
-            raise ValueError(f"dt must point from t0 = {t0} to t1 = {t1}, got {dt}; change its sign.")
-        if not cp.is_traced(t0, t1):
-            check_span("torque", torque, t0, t1)
-            check_span("density", density, t0, t1)
-    _check_first_step(density, dt, t0, rho, start)
+        if not any(cp.is_traced(x) for x in (begin, t1, dt)) and (t1 - begin) * dt < 0:
+            raise ValueError(f"dt must point from t0 = {begin} to t1 = {t1}, got {dt}; change its sign.")
+        if not cp.is_traced(begin, t1):
+            check_span("torque", torque, begin, t1)
+            check_span("density", density, begin, t1)
+    if carried is None:
+        _check_first_step(density, dt, begin, rho, state)
     all_steps = t1 is None or isinstance(adjoint, Checkpointed)
-    return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, all_steps, observe)
+    begun = None if carried is None else (carried.progress, carried.clock)
+    return _run(method, body, torque, state, density, dt, begin, t1, rho, steps, save_every, all_steps, observe, begun)
+
+
+def _state_of(carried: Carry, t0: Any, rho: Any) -> Any:
+    if carried.clock is None:
+        raise ValueError("start must be the carry of an AdaptivePath, got the carry of steps of one length.")
+    if rho is not None or isinstance(t0, Array | np.ndarray) or t0 != 0:
+        raise ValueError("t0 and rho must be left out where start is a Carry, which has the time and rho.")
+    return carried.like
 
 
 def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
@@ -236,13 +268,17 @@ def _run(
     save_every: int | None,
     all_steps: bool,
     observe: Observe | None,
+    begun: tuple[Progress, Any] | None,
 ) -> AdaptivePath[Any]:
     arguments = (body, torque, start, density, dt, t0, t1, rho)
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
+    system = System.of(body, torque, start, t0)
+    if begun is not None:
+        check_carried(begun[0], system, method)
+        start = all_promoted(system.state(begun[0].motion), axes)
     given, good = start, cp.all_finite(start)
     start = finite_start(start, good, on_body(torque, body), t0, (body, density, dt, t1, rho))
-    system = System.of(body, torque, start, t0)
 
     def advance(carry: tuple[Progress, _Clock], _: None) -> tuple[tuple[Progress, _Clock], None]:
         progress, clock = carry
@@ -253,9 +289,15 @@ def _run(
         judged = earlier(progress.verdict, jnp.where(ok, FINE, UNFOLLOWED))
         return fuse(all_promoted((progress._replace(verdict=judged), clock), axes)), None
 
-    progress = method.begin(system, start, t0)
-    value, slope = _density_and_slope(system, density, t0, progress)
-    clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
+    if begun is None:
+        progress = method.begin(system, start, t0)
+        value, slope = _density_and_slope(system, density, t0, progress)
+        clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
+        follows = _follows(clock.rho, value) & (clock.half > 0)
+        verdict = jnp.where(follows, FINE, UNFOLLOWED)
+    else:
+        progress, clock = begun
+        clock, verdict = _with_length(clock, dt, t1, progress.ok), progress.verdict
     # Two checkpoints are needed, because each reverse derivative of a derivative removes one; see
     # `_xla.keep.recomputed`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
@@ -274,9 +316,7 @@ def _run(
         seen = observe_state(observe, clock.t, state, body, torque)
         return carry, (seen, clock.t, clock.rho, progress.ok & cp.all_finite((state, clock.rho)))
 
-    follows = _follows(clock.rho, value) & (clock.half > 0)
-    judged = earlier(at_start(body, good), jnp.where(follows, FINE, UNFOLLOWED))
-    progress = progress._replace(verdict=judged)
+    progress = progress._replace(verdict=earlier(at_start(body, good), verdict))
     begin = all_promoted((progress, clock), axes)
     every = save_every or steps
     (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // every)
@@ -290,7 +330,8 @@ def _run(
     ok, result = progress.ok & finite & reached, result_of(progress.verdict, finite, reached)
     bad = first_bad(given, saved[3] & (progress.verdict != UNSTABLE))
     bad = jnp.where(begin[0].ok, bad, jnp.zeros_like(bad))
-    path = AdaptivePath(times, states, ok, bad, result, rhos, clock.taken)
+    carry = Carry(clock.taken, progress, system.kind, clock)
+    path = AdaptivePath(times, states, ok, bad, result, rhos, clock.taken - begin[1].taken, carry)
     return path if save_every else end_alone(path)._replace(rho=rhos[-1])
 
 
@@ -332,17 +373,21 @@ def _follows(rho: Array, value: Array) -> Array:
 
 def _with_next_step(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array) -> _Clock:
     """The clock with its next step; zero if the run has failed, rho would become negative, or t1 is reached."""
-    half = clock.rho + dt / 2 * slope
+    return _with_length(clock._replace(half=clock.rho + dt / 2 * slope), dt, t1, ok)
+
+
+def _with_length(clock: _Clock, dt: Array, t1: Array | None, ok: Array) -> _Clock:
+    half = clock.half
     ok = ok & (half > 0)
     h = jnp.where(ok, dt / jnp.where(ok, half, jnp.ones_like(half)), jnp.zeros_like(half))
     if t1 is None:
-        return clock._replace(half=half, h=h)
+        return clock._replace(h=h, last=jnp.zeros_like(clock.last))
     remaining = (t1 - clock.t) - clock.residue
     last = ok & (remaining * jnp.sign(dt) <= jnp.abs(h) * (1 + _SLACK))
     # The step is zero if dt points away from t1.
     remaining = jnp.where(remaining * jnp.sign(dt) > 0, remaining, jnp.zeros_like(remaining))
     away = (t1 - clock.t) * jnp.sign(dt) < 0
-    return clock._replace(half=half, h=jnp.where(last, remaining, h), last=last & ~away)
+    return clock._replace(h=jnp.where(last, remaining, h), last=last & ~away)
 
 
 def _density_and_slope(system: System, density: Any, t: Array, progress: Progress) -> tuple[Array, Array]:

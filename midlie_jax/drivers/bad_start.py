@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._xla.internals import make_primitive
+from .._xla.mesh import row_of
 from .._xla.per_row import in_rows
 
 T = TypeVar("T")
@@ -82,8 +83,8 @@ def _batch(values: Any, axes: Any) -> tuple[list[Array], list[None]]:
     first = jnp.argmax(good)
 
     def other(x: Array, axis: int | None) -> Array:
-        row = x if axis is None else jnp.moveaxis(x, axis, 0)[first]
-        return jnp.where(good[first], row, 1)
+        other_start = x if axis is None else row_of(jnp.moveaxis(x, axis, 0), first)
+        return jnp.where(row_of(good, first), other_start, 1)
 
     return [other(*pair) for pair in zip(leaves, of_leaves, strict=True)], [None] * len(leaves)
 

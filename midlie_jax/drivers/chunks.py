@@ -18,6 +18,7 @@ from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .._xla.compiler import tuned_jit
+from .._xla.mesh import is_spread, row_of
 from .._xla.platform import cores, on_cpu
 from .._xla.structure import remember, structure_of
 from ..methods.base import Method, Progress
@@ -119,6 +120,8 @@ def run_ensemble(
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
         return Path(times, seen, *map(join, path[2:]))
 
+    if is_spread(mapped):  # every device keeps its own bodies
+        chunk, mesh = count, None
     # The last chunks are padded with copies of the last body, so that one compiled program serves all chunks.
     chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
     if chunks * size > count:
@@ -204,7 +207,7 @@ def _shared_tables(
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
     if inputs is None:
         return None
-    body, torque, start, dt, t0 = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    body, torque, start, dt, t0 = eqx.combine(jax.tree.map(row_of, mapped), shared)
     system, first = method.system(body, torque, start, t0, dt), first.astype(jnp.int32)
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
@@ -216,7 +219,7 @@ def _shared_tables(
 
 def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | None:
     """The step of a run, split into what all bodies share and the rest; None if they share nothing."""
-    arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    arguments = eqx.combine(jax.tree.map(row_of, mapped), shared)
     structure = jax.tree.structure(arguments)
     own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
     return shared_inputs.find(method, arguments, own)

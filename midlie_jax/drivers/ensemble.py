@@ -10,6 +10,7 @@ from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, as_floats, described, require_finite
 from .._xla.internals import bodies_at_once
+from .._xla.mesh import row_of
 from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
@@ -227,7 +228,7 @@ def as_batch(
 
 def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:
     marks = once(_rows_of_torque, body, torque, start, torque_axes)
-    return jax.tree.map(lambda x, own: x[0] if own else x, torque, marks), jax.tree.map(lambda x: x[0], start)
+    return jax.tree.map(lambda x, own: row_of(x) if own else x, torque, marks), jax.tree.map(row_of, start)
 
 
 def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any:

@@ -78,6 +78,8 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
         rho: (n,), near the density at these times: the next step is about dt / rho. To continue or reverse a run from a
             saved state, pass its entry as `rho`.
         taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed earlier.
+        carry: the final `midlie_jax.Carry`, from which `integrate_adaptive` continues as if the run had not been
+            divided.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -95,6 +97,7 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
     result: Any
     rho: Float[Array, "*n"]
     taken: Int[Array, "*batch"]
+    carry: Any = None
 
     def __repr__(self) -> str:
         return _brief(self)

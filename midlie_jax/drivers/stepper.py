@@ -127,6 +127,7 @@ class Carry(eqx.Module):
         index: the number of steps taken, (), int32, which is the index of the next step.
         progress: momentum and pose in principal axes, the force if the method keeps it, and the verdict.
         kind: the class of the states.
+        clock: the time and the step length of a run with variable steps, or None.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -140,6 +141,7 @@ class Carry(eqx.Module):
     index: Array
     progress: Progress
     kind: Any = eqx.field(static=True)
+    clock: Any = None
 
     @property
     def like(self) -> AnyState:
@@ -209,6 +211,7 @@ class Stepper:
         first = jnp.asarray(as_first_step(first_step, 1), jnp.int32)
         progress = method.begin(system, start, time_of(self.t0, self.dt, first))
         verdict = at_start(body, cp.all_finite(start), True)
+        first += 0 * verdict.astype(first.dtype)  # on the devices of the start
         return Carry(first, progress._replace(verdict=verdict), system.kind)
 
     def step(self, carry: Carry, *, torque: Any = None, body: Any = None) -> Carry:
@@ -239,6 +242,7 @@ class Stepper:
         Raises:
             ValueError: as for `step`; or `steps` is not a positive integer.
         """
+        _check_no_clock(carry)
         method, *given, system = self._parts
         own = one = OneStep(method, system, self.t0, self.dt)
         progress = carry.progress
@@ -264,6 +268,7 @@ class Stepper:
 
     def time(self, carry: Carry) -> Array:
         """The time, (), computed from the index."""
+        _check_no_clock(carry)
         return time_of(self.t0, self.dt, carry.index)
 
     def ok(self, carry: Carry) -> Array:
@@ -292,12 +297,18 @@ def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
         return start, first_step, None
     if isinstance(first_step, Array | np.ndarray) or first_step != 0:
         raise ValueError("first_step must be left out where start is a Carry, which has the index of the next step.")
+    _check_no_clock(start)
     index = start.index
     if index.ndim:
         if not is_traced(index) and np.ptp(np.asarray(index)):
             raise ValueError("start must be a Carry with one index for all bodies; map `integrate` over other carries.")
         index = index[0]
     return start.like, index, start.progress
+
+
+def _check_no_clock(carry: Carry) -> None:
+    if carry.clock is not None:
+        raise ValueError("the carry of a run with variable steps must go to the same driver; or start from its state.")
 
 
 def check_carried(carried: Progress, system: System, method: Method) -> None:
