@@ -49,7 +49,16 @@ EXPLAINED = {
     "surfaces.md": ["Surface", "torques.Sunlight", "torques.FreeMolecularDrag", "observe.Brightness"],
     "solids.md": ["Particle"],
     "conventions.md": [
-        *("RigidBody", "TensorBody", "RigidState", "MomentumState", "DirectionState", "CompensatedState", "RESULTS"),
+        *(
+            "joined",
+            "RigidBody",
+            "TensorBody",
+            "RigidState",
+            "MomentumState",
+            "DirectionState",
+            "CompensatedState",
+            "RESULTS",
+        ),
         *("angular_velocity", "spatial_", "Path"),
     ],
     "choosing-a-method.md": [

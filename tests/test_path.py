@@ -10,6 +10,8 @@ import pytest
 from beartype import beartype
 from beartype.roar import BeartypeCallHintParamViolation
 from jaxtyping import jaxtyped
+from path_scenes import STATES
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 
@@ -78,3 +80,52 @@ def test_a_path_goes_through_transformations(path):
 
 def _total(path: ml.Path[ml.RigidState] | ml.AdaptivePath[ml.RigidState]) -> jax.Array:
     return jnp.sum(path.states.momentum)
+
+
+def test_a_path_is_written_as_csv_and_read_again(path, tmp_path):
+    path.to_csv(tmp_path / "run.csv", euler="ZYX")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["time"], path.times)
+    for i, letter in enumerate("wxyz"):
+        np.testing.assert_array_equal(table[f"attitude_{letter}"], path.states.attitude[:, i])
+    angles = np.stack([table[name] for name in table.dtype.names if name.startswith("euler")], axis=1)
+    expected = Rotation.from_quat(np.asarray(path.states.attitude)[:, [1, 2, 3, 0]]).as_euler("ZYX", degrees=True)
+    np.testing.assert_allclose(angles, expected, atol=1e-12)
+    assert table["ok"].all()
+
+
+def test_an_ensemble_has_a_line_per_body_and_time(tmp_path):
+    starts = jax.tree.map(lambda x: jnp.stack([x, 2 * x if x.shape[-1] == 3 else x]), START)
+    path = ml.ensemble("JACOBI[EA]", BODY, None, starts, dt=0.1, steps=4, save_every=2)
+    path.to_csv(tmp_path / "run.csv")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["body"], [0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(table["momentum_3"], np.asarray(path.states.momentum)[..., 2].ravel())
+    data = path.to_xarray()
+    assert data.momentum.dims == ("body", "time", "axis")
+    assert data.ok.dims == ("body",)
+    with pytest.raises(ValueError, match="to_csv needs saved times"):
+        ml.ensemble("JACOBI[EA]", BODY, None, starts, dt=0.1, steps=4).to_csv(tmp_path / "end.csv")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_a_path_of_every_kind_of_state_is_a_dataset(state, tmp_path):
+    _, start = STATES[state]
+    states = jax.tree.map(lambda x: jnp.stack([x, x, x]), start)
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2)._replace(states=states)
+    data = path.to_xarray()
+    for name, (dims, about) in start.described().items():
+        assert data[name].dims[-len(dims) :] == dims or not dims
+        assert data[name].attrs == about
+        np.testing.assert_array_equal(data[name], getattr(states, name))
+    data.to_netcdf(tmp_path / "run.nc", engine="scipy")
+
+
+def test_observed_values_are_tables_too(tmp_path):
+    observe = {"energy": ml.observe.Energy(), "axis": ml.observe.Axis()}
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2, observe=observe)
+    path.to_csv(tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().split("\n")[0] == "time,axis_0,axis_1,axis_2,energy,ok"
+    assert path.to_xarray().energy.dims == ("time",)
+    with pytest.raises(ValueError, match="euler needs attitudes"):
+        path.to_csv(tmp_path / "run.csv", euler="ZYX")

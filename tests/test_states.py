@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from path_scenes import STATES
 
 import midlie_jax as ml
 
@@ -96,3 +97,57 @@ def test_files_say_what_each_array_is(kind):
     described = kind.described()
     assert list(described) == [field.name for field in dataclasses.fields(kind)]
     assert all({"long_name", "units", "frame"} <= attributes.keys() for _, attributes in described.values())
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_a_state_from_velocities_has_these_velocities(state):
+    """Every kind of state of a body: the velocities of the state made from the velocities of another are the same."""
+    body, start = STATES[state]
+    if isinstance(start, ml.SpinState):
+        with pytest.raises(ValueError, match="body must be"):
+            type(start).from_velocity(ml.RigidBody([1.0, 2.0, 2.5]), jnp.ones(3))
+        return
+    first, *others = (getattr(start, field.name) for field in dataclasses.fields(start))
+    if isinstance(start, ml.AxisState | ml.FreeAxisState):
+        first = first - jnp.sum(first * start.axis, axis=-1, keepdims=True) * start.axis
+    velocity = body.turning.velocity(first)
+    if start.rotation is not None:
+        others[1] = others[1] / jnp.asarray(body.mass)[..., None]
+    made = type(start).from_velocity(body, velocity, *others)
+    expected = [first, *(getattr(start, field.name) for field in dataclasses.fields(start)[1:])]
+    for field, value in zip(dataclasses.fields(start), expected, strict=True):
+        np.testing.assert_allclose(getattr(made, field.name), value, rtol=1e-13, atol=1e-13)
+
+
+def test_a_spin_needs_its_moment():
+    axis, velocity = [0.0, 0.6, 0.8], jnp.array([0.3, -0.2, 1.5])
+    with pytest.raises(ValueError, match="velocity has a part along the axis"):
+        ml.AxisState.from_velocity(ml.Rotor(2.0), velocity, axis)
+    made = ml.AxisState.from_velocity(ml.Rotor(2.0, 0.5), velocity, axis)
+    along = jnp.sum(velocity * jnp.array(axis)) * jnp.array(axis)
+    np.testing.assert_allclose(made.momentum, 2.0 * (velocity - along) + 0.5 * along, rtol=1e-14)
+    with pytest.raises(ValueError, match="body must be a Rotor"):
+        ml.AxisState.from_velocity(ml.RigidBody([2.0, 2.0, 0.5]), velocity, axis)
+
+
+def test_joined_bodies_are_the_body_of_all_their_points():
+    """Bodies made of point masses, joined in any position and attitude: the same as all points at once."""
+    rng = np.random.default_rng(3)
+    parts, masses, places = [], [], []
+    for _ in range(3):
+        mass, points = rng.uniform(1, 2, 5), rng.normal(size=(5, 3))
+        points -= mass @ points / mass.sum()
+        tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
+        attitude, position = ml.so3.exp(jnp.asarray(rng.normal(size=3))), rng.normal(size=3)
+        parts.append((ml.TensorBody(tensor), mass.sum(), position, attitude))
+        masses.append(mass)
+        places.append(points @ np.asarray(ml.so3.to_matrix(attitude)).T + position)
+    parts.append((None, 1.7, [0.3, -1.0, 2.0]))
+    mass, points = np.append(np.concatenate(masses), 1.7), np.concatenate([*places, [[0.3, -1.0, 2.0]]])
+    body, centre = ml.joined(parts)
+    np.testing.assert_allclose(centre, mass @ points / mass.sum(), rtol=1e-12)
+    points = points - np.asarray(centre)
+    tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
+    np.testing.assert_allclose(body.body.tensor, tensor, rtol=1e-12, atol=1e-12)
+    with pytest.raises(ValueError, match=r"parts\[0\] must begin with"):
+        ml.joined([(ml.Rotor(1.0), 1.0, [0.0, 0.0, 0.0])])

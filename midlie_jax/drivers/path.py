@@ -13,6 +13,7 @@ from .._checks.typed_by import TypedBy
 from .._math import components as cp
 from .._xla.internals import Tracer
 from ..model.state import AnyState
+from . import tables
 from .results import reasons
 
 S = TypeVar("S")  # the class of a path's states
@@ -58,6 +59,9 @@ class Path(NamedTuple, TypedBy[States]):
     result: Any = None
     carry: Any = None
 
+    to_csv = tables.to_csv
+    to_xarray = tables.to_xarray
+
     def __repr__(self) -> str:
         return _brief(self)
 
@@ -98,6 +102,9 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
     rho: Float[Array, "*n"]
     taken: Int[Array, "*batch"]
     carry: Any = None
+
+    to_csv = tables.to_csv
+    to_xarray = tables.to_xarray
 
     def __repr__(self) -> str:
         return _brief(self)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
+from . import so3
 from .bodies import Body, RigidBody, TensorBody, require_within_range
 from .masses import all_positive, is_positive
 from .rotor import Rotor
@@ -127,3 +128,55 @@ class FreeBody(Body):
 
     def frame_of_user(self) -> cp.Quaternion | None:
         return self.body.frame_of_user()
+
+
+def joined(parts: Any) -> tuple[FreeBody, Float[Array, "3"]]:
+    """The rigid body made of several bodies, by the parallel-axis rule.
+
+    Args:
+        parts: a list of (body, mass, position) or (body, mass, position, attitude) in one common frame. `body` is a
+            `RigidBody` or `TensorBody` with the moments about its own centre of mass, or None for a point mass.
+            `position` (3,) is its centre of mass, `attitude` the quaternion from the part's frame to the common frame,
+            by default none.
+
+    Returns:
+        The body, a `FreeBody` of a `TensorBody` in the directions of the common frame, and its centre of mass (3,).
+
+    Raises:
+        ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
+
+    Examples:
+        A box with two solar panels:
+
+        >>> def box(mass, x, y, z):
+        ...     return ml.RigidBody([mass * (y**2 + z**2) / 12, mass * (z**2 + x**2) / 12, mass * (x**2 + y**2) / 12])
+        >>> panel = box(60.0, 3.1, 8.5, 0.0)
+        >>> sides = [(panel, 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
+        >>> satellite, centre = ml.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *sides])
+        >>> np.diag(satellite.body.tensor).round(2), satellite.mass.item()
+        (array([9512.47, 1771.27, 9608.57]), 2020.0)
+    """
+    tensors, masses, places = zip(*(_part(i, *part) for i, part in enumerate(parts)), strict=True)
+    mass, place = jnp.stack(masses), jnp.stack(places)
+    total = jnp.sum(mass)
+    centre = jnp.sum(mass[:, None] * place, axis=0) / total
+    arms = place - centre[None, :]
+    squares = jnp.sum(arms**2, axis=1)[:, None, None] * jnp.eye(3, dtype=arms.dtype)[None]
+    tensor = sum(tensors) + jnp.sum(mass[:, None, None] * (squares - arms[:, :, None] * arms[:, None, :]), axis=0)
+    return FreeBody(TensorBody(tensor), total), centre
+
+
+def _part(i: int, body: Any, mass: Any, position: Any, attitude: Any = None) -> tuple[Array, Array, Array]:
+    name = f"parts[{i}]"
+    mass, position = as_floats(f"{name} mass", mass), as_floats(f"{name} position", position, (3,))
+    if mass.shape or position.shape != (3,):
+        raise ValueError(f"{name} must have one mass () and one position (3,), got {mass.shape} and {position.shape}.")
+    if body is None:
+        return jnp.zeros((3, 3), position.dtype), mass, position
+    if not isinstance(body, RigidBody | TensorBody) or body.batch:
+        raise ValueError(f"{name} must begin with one RigidBody, one TensorBody or None, got {described(body)}.")
+    tensor = body.tensor if isinstance(body, TensorBody) else jnp.diag(body.moments)
+    if attitude is not None:
+        turn = so3.to_matrix(as_floats(f"{name} attitude", attitude, (4,)))
+        tensor = turn @ tensor @ turn.T
+    return tensor, mass, position

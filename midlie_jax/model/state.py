@@ -10,17 +10,17 @@ class of a state defines how a flight changes the pose (`turn`) and the rates of
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._checks.arguments import same_batch
+from .._checks.arguments import as_floats, described, same_batch
 from .._math import components as cp
 from .._xla.replay import Packed, Traits, by_components
-from .bodies import RigidBody
+from .bodies import Body, RigidBody
 
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
 Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
@@ -77,6 +77,38 @@ class State(eqx.Module, Generic[P, Q]):
     def belongs_to(cls, body: Any) -> bool:
         """Whether these states belong to a body, given in its principal axes."""
         return isinstance(body, cls.body)
+
+    @classmethod
+    def from_velocity(cls, body: Any, velocity: Any, *others: Any) -> Any:
+        """The state with this angular velocity, from the arguments of the constructor with velocities for momenta.
+
+        Args:
+            body: the body of the run, which has the moments and the mass.
+            velocity: the angular velocity (..., 3), in the frame of the momentum: body frame, or space frame for an
+                `AxisState`. For particles their velocity.
+            others: the other arguments of the constructor, in its order; `linear` is a velocity (..., 3), space frame.
+
+        Raises:
+            ValueError: the state does not belong to the body, or as for the constructor.
+
+        Examples:
+            >>> still = [1.0, 0.0, 0.0, 0.0]
+            >>> ml.RigidState.from_velocity(ml.RigidBody([2.0, 3.0, 4.0]), [0.1, 0.2, 0.3], still).momentum
+            Array([0.2, 0.6, 1.2], dtype=float64)
+            >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+            >>> thrown = ml.FreeState.from_velocity(brick, [0.0, 1.5, 0.0], still, [4.0, 0.0, 3.0], [0.0, 0.0, 1.5])
+            >>> thrown.linear
+            Array([12.,  0.,  9.], dtype=float64)
+        """
+        if not (isinstance(body, Body) and cls.belongs_to(body.in_principal_axes())):
+            raise ValueError(f"body must be a {cls.body.__name__} for a {cls.__name__}, got {described(body)}.")
+        made, body = cast("Any", cls), cast("Any", body)
+        if cls.rotation is None:
+            return made(body.momentum(as_floats("velocity", velocity)), *others)
+        orientation, linear, *position = others
+        rotation = cls.rotation.from_velocity(body.turning, velocity, orientation)
+        linear: Any = as_floats("linear", linear, (3,))
+        return made(rotation.momentum, orientation, jnp.asarray(body.mass)[..., None] * linear, *position)
 
     @abstractmethod
     def parts(self) -> tuple[P, Q]:

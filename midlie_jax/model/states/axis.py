@@ -17,6 +17,7 @@ from .length import length_correction
 from .rigid import RigidState
 from .unit_vector import of_unit_length, shifted, turn_between, turned
 
+_NO_SPIN = 1e-6  # relative to the angular velocity, below which a part along the axis is rounding
 SPATIAL_MOMENTUM = {
     "long_name": "angular momentum in space, about the fixed point or the centre of mass",
     "units": "mass length2 time-1",
@@ -77,6 +78,17 @@ class AxisState(State[cp.Vector, cp.Vector]):
         self.check_batch()
         require_finite("momentum", self.momentum)
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    @classmethod
+    def from_velocity(cls, body: Any, velocity: Any, *others: Any) -> Any:
+        state = super().from_velocity(body, velocity, *others)
+        axis, velocity = cp.vector(state.axis), cp.vector(as_floats("velocity", velocity, (3,)))
+        spin = cp.dot(axis, velocity)
+        if body.along is None and (cp.is_traced(spin) or np.any(abs(np.asarray(spin)) > _NO_SPIN * cp.norm(velocity))):
+            raise ValueError("velocity has a part along the axis, the spin. Give its moment, Rotor(moment, along).")
+        along = jnp.zeros_like(body.moment) if body.along is None else body.along
+        momentum = cp.add(cp.vector(state.momentum), cp.scale((along - body.moment) * spin, axis))
+        return cls(cp.pack(momentum), state.axis)
 
     @classmethod
     def of(cls, state: RigidState) -> "AxisState":
