@@ -200,9 +200,9 @@ def measured(steps: int, folder: Path | None) -> Iterator[Growth]:
 
 
 UNITS = {
-    "momentum": "Error of the spatial momentum  [of |Pi|]",
-    "energy": "Error of the energy  [of E]",
-    "attitude": "Error of the attitude  [rad]",
+    "momentum": "error of the spatial momentum [initial |Π|]",
+    "energy": "error of the energy [initial E]",
+    "attitude": "error of the attitude [rad]",
 }
 COLOURS = {
     "float64": "#0072B2",
@@ -219,16 +219,14 @@ def draw(results: list[Growth], path: Path) -> None:
     figure = new_figure(16.0, 12.5)
     heading(
         figure,
-        "How rounding grows with the number of steps",
-        "Root mean square over 16 bodies; in brackets the exponent fitted over the last three decades of steps. "
-        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2. "
-        "Sums in float32 are rounded to nearest, or compensated.",
+        "Rounding errors in float64 grow about as the square root of the number of steps",
+        "Brackets: fitted exponents. Dotted: powers 1/2 (random walk) and 1 (bias); for the attitude 3/2.",
     )
     figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
     for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
         for axes, name in zip(row, names, strict=True):
             axes.set(xscale="log", yscale="log")
-            panel(axes, name, "Steps", UNITS[quantity] if name == names[0] else "")
+            panel(axes, name, "number of steps", UNITS[quantity] if name == names[0] else "")
             ends = []
             for growth in results:
                 if (growth.case, growth.quantity) != (name, quantity) or not np.any(growth.error > 0):
@@ -245,7 +243,7 @@ def draw(results: list[Growth], path: Path) -> None:
                 for first in (1e-16, 6e-8):
                     axes.plot(counts, first * (counts / 10) ** power, ":", color="#8a8a8a", linewidth=1, zorder=1)
             axes.set_ylim(low, min(high, 10))
-            label_ends(axes, ends)
+            label_ends(axes, ends, size=9.0)
             axes.set_xticks(10.0 ** np.arange(2, np.log10(counts[-1]) + 0.5, 2))
     write(figure, str(path))
 

@@ -92,20 +92,17 @@ def row(safety: float, found: Outcome) -> list[str]:
 
 def draw(results: dict[float, Outcome], bodies: int, path: str) -> None:
     figure = new_figure(12.0, 5.4)
-    note = (
-        "Moments 3 %, weight 5 %, momentum 1 kg m²/s and attitude 0.02 rad about the nominal top, which is tilted by "
-        f"{np.degrees(TILT):.1f}°. Each band holds the given share of the {bodies:,} tops at each time."
-    )
-    heading(figure, "Tilt of scattered heavy tops", note)
+    peaks = [np.nanquantile(found.tilt, 0.95, axis=0).max() for found in results.values()]
+    title = f"Near the limit 95 % of the tops stay below {peaks[-1]:.0f}°, far from it below {peaks[0]:.0f}°"
+    heading(figure, title, f"Bands: shares of {bodies:,} scattered tops, nominally tilted by {np.degrees(TILT):.1f}°.")
     figure.subplots_adjust(bottom=0.11, wspace=0.22, right=0.945)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, safety in zip(panels, results, strict=True):
-        title = f"Momentum {momentum_of(safety):.1f} kg m²/s: square {safety:g} times the limit"
-        panel(axes, title, "Time t  [s]", "Tilt of the axis from upright  [degrees]" if axes is panels[0] else "")
+        title = f"Squared momentum {safety:g} times the limit"
+        panel(axes, title, "time [s]", "tilt of the axis from upright [degrees]" if axes is panels[0] else "")
         axes.tick_params(labelleft=True)
         axes.set_xticks(np.linspace(0, DT * STEPS, 5))
-    top = max(np.nanquantile(found.tilt, 0.95, axis=0).max() for found in results.values())
-    panels[0].set(ylim=(0, 1.06 * top), yticks=np.arange(0, 1.06 * top, 3))
+    panels[0].set(ylim=(0, 1.06 * max(peaks)), yticks=np.arange(0, 1.06 * max(peaks), 3))
     for axes, found in zip(panels, results.values(), strict=True):
         ml.plot.bands(axes, found.times, found.tilt)
     write(figure, path)

@@ -214,7 +214,7 @@ left.semilogy(costs, color=BLUE)
 rest = np.median(momenta[1][:, -1]) / np.median(np.linalg.norm(tests.momentum, axis=1))
 panel(
     right,
-    f"The policy removes {100 * (1 - rest):.0f} % of the momentum of new satellites",
+    f"The policy removes {100 * (1 - rest):.0f} % of the momentum",
     "time [s]",
     "momentum, median and 90 % [kg m²/s]",
 )

@@ -128,25 +128,22 @@ def test_no_two_lines_look_alike(figure):
     for panel in figure.axes:
         found = [looks(line) for line in lines(panel)]
         assert len(set(found)) == len(found)
-    assert len(lines(figure.axes[0])) > 12
+    assert len(lines(figure.axes[0])) > (8 if is_frontier(figure) else 12)
 
 
 @pytest.mark.sample(3)
 def test_every_line_is_named_once(figure):
-    """In its panel; on a chart of frontiers in the panel of the rivals or in that of our methods, each in one style."""
-    if not is_frontier(figure):
-        for panel in figure.axes:
-            named = {text.get_text() for text in names_in(panel) if text.arrow_patch is not None}
-            assert {line.get_label() for line in lines(panel)} == named
-        return
-    left, right = ([text.get_text() for text in names_in(panel)] for panel in figure.axes)
-    assert set(FAMILIES) <= {*left} & {*right}
-    once = [name for name in left + right if name not in FAMILIES]
-    assert sorted(once) == sorted(line.get_label() for line in lines(figure.axes[0]))
-    styles = {line.get_label(): looks(line) for line in lines(figure.axes[0])}
-    for line in lines(figure.axes[1]):
-        assert line.get_label() in right
-        assert looks(line) == styles[line.get_label()]
+    """In its panel. On a chart of frontiers, the families are named too, and the right panel has five lines at most."""
+    for panel in figure.axes:
+        texts = names_in(panel) if is_frontier(figure) else [t for t in names_in(panel) if t.arrow_patch is not None]
+        named = sorted(text.get_text() for text in texts if text.get_text() not in FAMILIES)
+        if is_frontier(figure):
+            assert set(FAMILIES) <= {text.get_text() for text in texts}
+            assert named == sorted(line.get_label() for line in lines(panel))
+        else:
+            assert {line.get_label() for line in lines(panel)} == set(named)
+    if is_frontier(figure):
+        assert 0 < len(lines(figure.axes[1])) <= 5
 
 
 @pytest.mark.sample(3)

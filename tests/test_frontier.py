@@ -106,17 +106,18 @@ def test_a_span_hides_no_loss():
     assert frontier.span([math.nan]).startswith("not compared")
 
 
-def test_a_chart_names_rivals_where_times_and_ours_where_evaluations_are_counted():
+def test_a_chart_names_rivals_where_times_and_leading_methods_where_evaluations_are_counted():
     ours = [p for one in work_precision.methods_for(scenes.scene("asymmetric-top")) for p in line(one, 4, 1.0)]
     others = [p for rival in rivals.RIVALS for p in line(rival.label, 4, 1.0)]
     families = work_precision.families_of(ours)
     assert {families[name] for name in ("DLM[KL8]", "JACOBI[EA]")} == {"symplectic"}
     assert families["DOP853"] == "general"
     figure = work_precision_figure(ours, others, families, title="made up", note="of nothing", clock="processor time")
-    for panel, points in zip(figure.axes, (others, ours), strict=True):
-        assert {text.get_text() for text in panel.texts} == {p.method for p in points} | set(FAMILIES)
-    assert figure.axes[0].get_xlabel().startswith("Processor time")
-    assert figure.axes[1].get_xlabel().startswith("Torque evaluations")
+    by_time, by_evaluations = ({text.get_text() for text in panel.texts} for panel in figure.axes)
+    assert by_time == {p.method for p in others} | set(FAMILIES)
+    assert set(FAMILIES) < by_evaluations <= {p.method for p in ours} | set(FAMILIES)
+    assert figure.axes[0].get_xlabel().startswith("processor time")
+    assert figure.axes[1].get_xlabel().startswith("torque evaluations")
 
 
 def test_the_closed_form_is_in_all_three_families_and_named_where_times_are():
@@ -134,7 +135,7 @@ def test_the_closed_form_is_in_all_three_families_and_named_where_times_are():
     figure = work_precision_figure(ours, line("heyoka", 4, 1.0), families, title="made up", note="of nothing")
     by_time, by_steps = ({text.get_text() for text in panel.texts} for panel in figure.axes)
     assert by_time == {"heyoka", "free_motion", *FAMILIES}
-    assert by_steps == {*names, *FAMILIES} - {"free_motion"}
+    assert set(FAMILIES) < by_steps <= {*names, *FAMILIES} - {"free_motion"}
 
 
 def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from():

@@ -1,10 +1,11 @@
 """The chart of error against cost: the frontiers of our three families in bold, beside the rivals and single methods.
 
-The left panel compares our families with other programs, by time. The right panel names our methods one by one, by
-torque evaluations.
+The left panel compares our families with other programs, by time. The right panel names the methods that make the
+frontiers, by torque evaluations.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,20 +16,20 @@ from midlie_jax.cli.line_styles import SOLID, WARM, Style, styles
 from .bands import BANDS
 from .families import FAMILIES, members
 from .family_names import FamilyNames
-from .frontier import by_method, envelope, frontier
+from .frontier import best_at, by_method, envelope, frontier
 from .kinds.rigid import RIGID
 from .rivals import RIVALS
 from .rivals.problem import Point
 
 LEGEND = (
-    "Bold lines: the fastest of our methods (general), of those that are reversible or keep the energy "
-    "(conserving), and of the symplectic ones. Thin lines: our methods one by one, named in the right panel. Hollow "
-    "marks: other programs."
+    "Bold lines: the fastest method of midlie_jax (general), the fastest reversible or energy-conserving method "
+    "(conserving), and the fastest symplectic method. Hollow marks: other programs."
 )
-CLOSED = "free_motion is the closed form, which takes no steps; the bold lines are those of the methods."
+CLOSED = "free_motion is the closed form and takes no steps."
 ATTITUDE = RIGID.measured
 _LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding
 _TOP = 10.0  # of the panels: a larger error of a rotation matrix has no meaning
+_NAMED = 5  # thin lines of the right panel, beside three bold ones
 _MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
 
 
@@ -83,15 +84,15 @@ def work_precision_figure(
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1.0))
     torque_free = all(math.isnan(p.evaluations) for p in ours)
     what = "steps" if torque_free else "torque evaluations"
-    label = "Steps, whole run  [-]  (no torque to evaluate)" if torque_free else "Torque evaluations, whole run  [-]"
-    error = f"Error of {measured}, rms over the bodies  [-]"
+    label = f"{what}, whole run [-]"
+    error = f"error of {measured}, rms over the bodies [-]"
     panel(
         left,
-        "Against time: our three families, and other programs",
-        f"{clock.capitalize()}, whole run, per body  [s]",
+        "Run time",
+        f"{clock}, whole run, per body [s]",
         error,
     )
-    panel(right, f"Against {what}: our methods one by one", label, "")
+    panel(right, f"Number of {what}", label, "")
     for axes in (left, right):
         axes.set(xscale="log", yscale="log")
     bottom = min(max(p.error, _LEAST) for p in (*ours, *rivals))
@@ -104,14 +105,28 @@ def work_precision_figure(
     for axes, cost in ((left, "seconds"), (right, "steps" if torque_free else "evaluations")):
         edges = {name: frontier(members(useful, families, name), cost) for name in FAMILIES}
         _draw_frontiers(axes, edges)
-        ends = _draw_lines(axes, ours, our_styles, cost)
-        if axes is left:
-            unnamed = {p.method for p in ours if math.isnan(p.steps)}  # the right panel, by steps, does not show them
-            ends = [end for end in ends if end.name in unnamed] + _draw_lines(axes, rivals, rival_styles, cost)
+        if axes is left:  # with the closed form, which the right panel, by steps, does not show
+            closed = [p for p in ours if math.isnan(p.steps)]
+            ends = _draw_lines(axes, closed, our_styles, cost) + _draw_lines(axes, rivals, rival_styles, cost)
+        else:
+            leading = _leading(useful or ours, families, edges, cost)
+            ends = _draw_lines(axes, [p for p in ours if p.method in leading], our_styles, cost)
         names = FamilyNames(axes, edges)
         label_ends(axes, ends, free=names.room)
         names.settle()
     return figure
+
+
+def _leading(
+    points: Sequence[Point], families: Mapping[str, str], edges: Mapping[str, Sequence[tuple[float, float]]], cost: str
+) -> list[str]:
+    """At most `_NAMED` methods: those that make most of the frontiers, or the first ones if there is no frontier."""
+    counts = Counter(
+        best_at(members(points, families, name), error, cost).method
+        for name, edge in edges.items()
+        for _, error in edge
+    )
+    return [name for name, _ in counts.most_common(_NAMED)] or list(by_method(points))[:_NAMED]
 
 
 def _our_styles(families: Mapping[str, str]) -> dict[str, Style]:

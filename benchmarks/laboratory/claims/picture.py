@@ -38,19 +38,20 @@ def draw(all_found: Sequence[Measured], path: str) -> None:
     figure = new_figure(14.0, 6.2)
     heading(
         figure,
-        "Does the energy have a trend?",
-        "Left: the drift test of Bou-Rabee, Ortolan and Saccon, mean energy error of each eighth of the run. Right: "
-        f"chaotic heavy tops over {all_found[0].steps:.0e} steps; how far the mean energy error of each eighth is from "
-        "that of the first, root mean square over the tops.",
+        "JACOBI[EA] and SLIEMID[EA] have no energy trend in either test",
+        f"Means over eighths of the run; right, {all_found[0].steps:.0e} steps and the root mean square over the tops.",
     )
     figure.subplots_adjust(bottom=0.11, wspace=0.2)
     left, right = figure.subplots(1, 2)
     eighths = np.arange(EIGHTHS)
-    panel(left, "Drift test, h = .25", "Time t  [1000 units of time]", "Mean energy error  [energy]")
+    panel(left, "Drift test, h = 0.25", "time [1000 units of time]", "mean energy error [unit of energy]")
     time = 10 / EIGHTHS * (eighths + 0.5)
     _lines(left, shown, time, [found.drift.eighths[0] for found in shown])
     panel(
-        right, "Chaotic heavy tops, h = .05", "Time t  [1000 units of time]", "Shift of the mean energy error  [of E]"
+        right,
+        "Chaotic heavy tops, h = 0.05",
+        "time [1000 units of time]",
+        "mean energy error relative to the first eighth [initial energy]",
     )
     right.set_yscale("log")
     time = 0.05 * all_found[0].steps / 1000 / EIGHTHS * (eighths + 0.5)
@@ -65,4 +66,4 @@ def _lines(axes: Any, shown: Sequence[Measured], time: np.ndarray, values: Seque
         ends.append(End(found.method, colour, time[-1], value[-1], True))
     axes.set_xlim(time[0], time[-1])
     axes.set_ylim(*axes.get_ylim())
-    label_ends(axes, ends)
+    label_ends(axes, ends, size=9.0)

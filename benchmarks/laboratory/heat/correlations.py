@@ -16,7 +16,7 @@ import numpy as np
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.cli.figures import few_colours
-from midlie_jax.plot.style import BLUE, GREY, SIZE, new_figure
+from midlie_jax.plot.style import BLUE, GREY, new_figure
 
 BODIES = 100_000
 WEAK, STRONG = 1.0, 20.0  # frictions
@@ -98,23 +98,24 @@ def rows(found: Sequence[Correlation]) -> Iterator[list[str]]:
 
 def draw(found: Sequence[Correlation], out: Path) -> None:
     """A panel for each: points with bars of two standard errors on the known curve."""
-    figure = new_figure(9, 3.8)
-    titles = "angular velocity, friction G = 1", "direction, friction G = 20"
-    labels = "⟨Ω(0)·Ω(t)⟩, in units of kT/I", "⟨u(0)·u(t)⟩"
+    figure = new_figure(9, 4.1)
+    titles = "Friction G = 1: the angular velocity", "Friction G = 20: the direction"
+    labels = "correlation ⟨Ω(0)·Ω(t)⟩ [kT/I]", "correlation ⟨u(0)·u(t)⟩ [-]"
     curves = "3 exp(-G t)", "exp(-2 (G t - 1 + exp(-G t))/G²)"
     for panel, one, title, label, curve in zip(figure.subplots(1, 2), found, titles, labels, curves, strict=True):
         times = np.linspace(0, one.times[-1], 200)
         panel.plot(times, one.known(times), color=GREY, lw=1.2)
         panel.errorbar(one.times, one.found, yerr=2 * one.errors, fmt="o", ms=4, color=BLUE, capsize=2)
         middle = one.times[SAVED // 3]
-        words: Any = {"textcoords": "offset points", "fontsize": SIZE}
+        words: Any = {"textcoords": "offset points", "fontsize": 9}
         panel.annotate(curve, (middle, one.known(middle)), xytext=(10, 8), color=GREY, **words)
-        panel.annotate("measured", (one.times[1], one.found[1]), xytext=(8, 2), color=BLUE, **words)
-        panel.set_title(title, loc="left", fontsize=10)
-        panel.set_xlabel("time, in units of √(I/kT)")
+        panel.annotate("simulated", (one.times[1], one.found[1]), xytext=(8, 2), color=BLUE, **words)
+        panel.set_title(title, loc="left", fontsize=11)
+        panel.set_xlabel("time [√(I/kT)]")
         panel.set_ylabel(label)
         panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3, color=GREY)
+    figure.suptitle("The simulated correlations follow theory", x=0.01, ha="left", fontsize=12, weight="bold")
     figure.set_layout_engine("constrained")
     figure.savefig(out, dpi=110)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -25,7 +25,7 @@ from scipy import signal
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.cli.figures import few_colours
-from midlie_jax.plot.style import BLUE, GREEN, GREY, SIZE, VERMILLION, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, GREY, VERMILLION, new_figure
 
 STIFFNESS = 400.0  # V0/kT
 SHARE = 2 / 7  # I3/I1
@@ -202,11 +202,12 @@ def draw(panels: Sequence[tuple[float, Spectrum]], out: Path) -> None:
     for panel, (difference, found) in zip(figure.subplots(1, len(panels), sharey=True), panels, strict=True):
         shown = np.abs(found.frequency - 1 - difference / 4) < _SHOWN
         _panel(panel, Spectrum(found.frequency[shown], *(_cut(line, shown) for line in found[1:])), difference)
-        words = f"stiffness {difference:.0%} larger across" if difference else "equal stiffness in both directions"
-        panel.set_title(words, loc="left", fontsize=10)
-        panel.set_xlabel("frequency, in units of the libration frequency")
-    figure.axes[0].set_ylabel("spectral density of $u_x$, in rad² per libration frequency")
-    figure.axes[0].annotate("dashes: predicted", (0.74, 0.93), xycoords="axes fraction", fontsize=SIZE)
+        words = f"Stiffness {100 * difference:.0f} % larger across: two shoulders"
+        words = words if difference else "Equal stiffness: fast spin splits the line"
+        panel.set_title(words, loc="left", fontsize=11, weight="bold")
+        panel.set_xlabel("frequency [libration frequency]")
+    figure.axes[0].set_ylabel("spectral density of $u_x$ [rad² per libration frequency]")
+    figure.axes[0].annotate("dashed: theory", (0.76, 0.93), xycoords="axes fraction", fontsize=9)
     figure.set_layout_engine("constrained")
     figure.savefig(out, dpi=110)
     out.write_bytes(few_colours(out.read_bytes()))
@@ -226,8 +227,8 @@ def _panel(panel: Any, found: Spectrum, difference: float) -> None:
     panel.grid(alpha=0.3, color=GREY)
     low, high = shoulders(found.fast.spin, difference)
     if difference:
-        _name(panel, "$ω_x$: bodies\nthat hardly spin", (1.0, 0.25), (1.004, 0.3), BLUE)
-        _name(panel, "shoulder of\nthose that do", (low, 0.02), (0.962, 0.06), BLUE)
+        _name(panel, "$ω_x$: bodies\nwith slow spin", (1.0, 0.25), (1.004, 0.3), BLUE)
+        _name(panel, "shoulder: bodies\nwith fast spin", (low, 0.02), (0.962, 0.06), BLUE)
         _name(panel, "the other shoulder,\nabove $ω_y$", (high, 0.009), (1.032, 0.04), BLUE)
     else:
         _name(panel, "slowest third", (1.003, 0.11), (1.008, 0.2), GREEN)
@@ -238,4 +239,4 @@ def _panel(panel: Any, found: Spectrum, difference: float) -> None:
 
 def _name(panel: Any, text: str, place: tuple[float, float], at: tuple[float, float], colour: str) -> None:
     arrow = {"arrowstyle": "-", "color": colour, "lw": 0.8, "shrinkB": 1}
-    panel.annotate(text, place, xytext=at, color=colour, fontsize=SIZE, arrowprops=arrow)
+    panel.annotate(text, place, xytext=at, color=colour, fontsize=9, arrowprops=arrow)

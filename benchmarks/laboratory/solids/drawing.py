@@ -9,7 +9,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax.cli.figures import few_colours
-from midlie_jax.plot.style import BLUE, GREY, SIZE, new_figure
+from midlie_jax.plot.style import BLUE, GREY, new_figure
 
 from .block import Block, block, limit
 
@@ -81,10 +81,10 @@ def _panel(found: Flight, width: float = _WIDTH, height: float = _HEIGHT, dpi: i
     axes.set_aspect("equal")
     axes.set_xlim(-0.15, 1.15)
     axes.set_ylim(-0.14, 0.47)
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("height z, m")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("height z [m]")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=SIZE)
+    axes.tick_params(labelsize=9)
     axes.plot(found.middle[:, 0], found.middle[:, 2], ":", color=GREY, linewidth=1)
     return figure, axes
 
@@ -92,6 +92,8 @@ def _panel(found: Flight, width: float = _WIDTH, height: float = _HEIGHT, dpi: i
 def still(found: Flight, out: Path) -> None:
     """Five frames in one picture, each with its time."""
     figure, axes = _panel(found, 8.0, 4.2, 110)
+    axes.set_position((0.11, 0.15, 0.87, 0.76))
+    axes.set_title("The block bends; its centre of mass moves on a parabola", loc="left", fontsize=11, weight="bold")
     for k in np.linspace(0, FRAMES - 1, STILLS).round().astype(int):
         _block(axes, found.places[k], found.triangles)
         x, top = found.middle[k, 0], found.places[k, :, 2].max()
@@ -100,7 +102,7 @@ def still(found: Flight, out: Path) -> None:
         )
     axes.annotate(
         "centre of mass", found.middle[FRAMES // 10, [0, 2]], xytext=(-8, 0), textcoords="offset points",
-        color=GREY, fontsize=SIZE, ha="right",
+        color=GREY, fontsize=9, ha="right",
     )  # fmt: skip
     figure.savefig(out, dpi=110)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -16,7 +16,7 @@ import numpy as np
 import midlie_jax as ml
 from midlie_jax.cli.figures import few_colours
 from midlie_jax.cli.line_labels import End, label_ends
-from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, SIZE, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, new_figure
 
 METHODS = "SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "SUBLATTICES[KL6]", "spherical midpoint", "RK4", "GBS12"
 LATTICES = {"chain of 32": (32,), "square of 8 x 8": (8, 8)}
@@ -169,10 +169,12 @@ def draw(found: dict[str, Peaks], out: Path) -> None:
     """On the left the peaks over the closed form, on the right their errors."""
     figure = new_figure(9.6, 4.2)
     left, right = figure.subplots(1, 2)
-    figure.subplots_adjust(left=0.06, right=0.985, top=0.95, bottom=0.13, wspace=0.2)
+    figure.subplots_adjust(left=0.06, right=0.985, top=0.92, bottom=0.13, wspace=0.2)
+    left.set_title("Spin waves: peaks and theory", loc="left", fontsize=11, weight="bold")
+    right.set_title(f"{SEEN[-1]}: at most {found[SEEN[-1]].errors.max():.1e}", loc="left", fontsize=11, weight="bold")
     k = np.linspace(0, math.pi, 200)
     left.plot(k / math.pi, 2 * EXCHANGE * (1 - np.cos(k)), color=GREY, lw=1.2)
-    words: Any = {"textcoords": "offset points", "fontsize": SIZE, "color": GREY}
+    words: Any = {"textcoords": "offset points", "fontsize": 9, "color": GREY}
     left.annotate("2 J (1 - cos k)", (0.5, 2), xytext=(-12, 12), ha="right", **words)
     ends: list[End] = []
     for method, colour, marker in zip(found, (BLUE, GREEN, ORANGE), "xso", strict=False):
@@ -189,14 +191,14 @@ def draw(found: dict[str, Peaks], out: Path) -> None:
         right.annotate(
             method, (angles[at], errors[at]), xytext=(0, 7), ha="right" if angles[at] > 0.8 else "center", **options
         )
-    left.set_ylabel("frequency, in units of J/ħ")
-    right.set_ylabel("error of a peak, in units of J/ħ")
+    left.set_ylabel("frequency [J/ħ]")
+    right.set_ylabel("error of a peak [J/ħ]")
     for panel in (left, right):
-        panel.set_xlabel("wave number k, in units of π / lattice constant")
+        panel.set_xlabel("wave number [π / lattice constant]")
         panel.grid(alpha=0.3, color=GREY)
         panel.set_xlim(-0.02, 1.03)
     right.set_ylim(top=10)
-    label_ends(left, ends)
+    label_ends(left, ends, size=9.0)
     left.set_xticks(np.linspace(0, 1, 5))
     figure.savefig(out, dpi=100)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -138,14 +138,17 @@ def rows(found: Sequence[Rung]) -> Iterator[list[str]]:
         yield [name, f"{step:.3g}", *("-" if math.isnan(x) else f"{x:.2g}" for x in ratios)]
 
 
-_COLOURS = dict(zip(LADDERS, (BLUE, ORANGE, PURPLE, GREEN, GREY, SKY, VERMILLION, *3 * (VERMILLION,)), strict=True))
+_BROWNS = "#A03060", "#662506", "#000000"  # of Spirit
+_COLOURS = dict(zip(LADDERS, (BLUE, ORANGE, PURPLE, GREEN, GREY, SKY, VERMILLION, *_BROWNS), strict=True))
 _DASHES = {JAX: "-", "Spirit, Depondt": "--", "Spirit, SIB": "-.", "Spirit, RK4": ":"}
 
 
 def draw(found: Sequence[Rung], out: Path) -> None:
     figure = new_figure(8.4, 5.2)
     panel = figure.subplots()
-    figure.subplots_adjust(left=0.09, right=0.985, top=0.97, bottom=0.1)
+    figure.subplots_adjust(left=0.09, right=0.985, top=0.93, bottom=0.1)
+    title = "SUBLATTICES[SRKN6b] and [KL6] reach a given error in the least time"
+    panel.set_title(title, loc="left", fontsize=11, weight="bold")
     ends: list[End] = []
     for method in dict.fromkeys(rung.method for rung in found):
         rungs = sorted((rung for rung in found if rung.method == method), key=lambda rung: rung.dt)
@@ -159,9 +162,9 @@ def draw(found: Sequence[Rung], out: Path) -> None:
         ends.append(End(method, _COLOURS[method], rungs[0].cost, rungs[0].error))
     costs = [rung.cost for rung in found]
     panel.set_xlim(min(costs) / 1.3, max(costs) * 1.3)
-    panel.set_xlabel("ns a spin and time ħ/J, one core, float64")
-    panel.set_ylabel("error of a spin, root mean square")
+    panel.set_xlabel("run time per spin and ħ/J of simulated time, one core, float64 [ns]")
+    panel.set_ylabel("error of a spin, root mean square [-]")
     panel.grid(alpha=0.3, color=GREY)
-    label_ends(panel, ends)
+    label_ends(panel, ends, size=9.0)
     figure.savefig(out, dpi=100)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -130,9 +130,11 @@ def rows(found: Moved, count: int = 3) -> Iterator[list[str]]:
 
 def draw(found: Moved, out: Path, count: int = 4) -> None:
     """The lattice at some times; colours are the component z, arrows the others."""
-    figure = new_figure(10.4, 3.1)
+    figure = new_figure(10.4, 3.35)
     panels = figure.subplots(1, count, sharey=True)
-    figure.subplots_adjust(left=0.055, right=0.93, top=0.92, bottom=0.15, wspace=0.06)
+    figure.subplots_adjust(left=0.055, right=0.93, top=0.84, bottom=0.15, wspace=0.06)
+    title = "The skyrmion moves across the slope of the field"
+    figure.suptitle(title, x=0.055, y=0.985, ha="left", fontsize=11, weight="bold")
     size = found.spin.shape[1]
     image = None
     every = slice(None, None, 2)
@@ -144,9 +146,9 @@ def draw(found: Moved, out: Path, count: int = 4) -> None:
         seen = np.hypot(u, v) > 0.2
         panel.quiver(x[seen], y[seen], u[seen], v[seen], color=BLACK, scale=26, width=0.006, pivot="mid")
         panel.set_title(f"t = {found.times[at]:.0f} ħ/J", loc="left", fontsize=9)
-        panel.set_xlabel("x, places")
-    panels[0].set_ylabel("y, places")
-    bar = figure.colorbar(image, cax=figure.add_axes((0.945, 0.15, 0.012, 0.77)), ticks=[-1, 0, 1])
+        panel.set_xlabel("x [lattice constants]")
+    panels[0].set_ylabel("y [lattice constants]")
+    bar = figure.colorbar(image, cax=figure.add_axes((0.945, 0.15, 0.012, 0.69)), ticks=[-1, 0, 1])
     bar.set_label("z", rotation=0)
     figure.savefig(out, dpi=90)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -118,7 +118,9 @@ def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEP
     """The defect of a step against its length: one spin on the left, four coupled spins on the right."""
     figure = new_figure(9.6, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
-    figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.13, wspace=0.05)
+    figure.subplots_adjust(left=0.09, right=0.985, top=0.87, bottom=0.13, wspace=0.05)
+    title = "Only the spherical midpoint rule is symplectic"
+    figure.suptitle(title, x=0.09, ha="left", fontsize=12, weight="bold")
     colours = dict(zip((case.method for case in CASES[2:]), (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
     for panel, system in zip(panels, (ONE, COUPLED), strict=True):
         ends: list[End] = []
@@ -132,9 +134,9 @@ def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEP
         panel.set_xticks(steps, [f"{h:g}" for h in steps])
         panel.minorticks_off()
         panel.set_title(system, loc="left", fontsize=10)
-        panel.set_xlabel("step h, in units of ħ/J")
+        panel.set_xlabel("step [ħ/J]")
         panel.grid(alpha=0.3, color=GREY)
-        label_ends(panel, ends)
-    panels[0].set_ylabel("symplectic defect of one step")
+        label_ends(panel, ends, size=9.0)
+    panels[0].set_ylabel("symplectic defect of one step [-]")
     figure.savefig(out, dpi=100)
     out.write_bytes(few_colours(out.read_bytes()))

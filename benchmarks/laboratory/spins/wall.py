@@ -31,7 +31,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax.cli.figures import few_colours
-from midlie_jax.plot.style import BLUE, GREY, SIZE, VERMILLION, new_figure
+from midlie_jax.plot.style import BLUE, GREY, VERMILLION, new_figure
 
 J, EASY, HARD, DAMPING = 1.0, 0.02, 0.004, 0.2
 WALKER = DAMPING * HARD
@@ -116,18 +116,19 @@ def rows(speeds: Sequence[Speed]) -> Iterator[list[str]]:
 def draw(speeds: Sequence[Speed], out: Path) -> None:
     figure = new_figure(7.2, 3.8)
     panel = figure.subplots()
-    figure.subplots_adjust(left=0.12, right=0.98, top=0.96, bottom=0.14)
+    figure.subplots_adjust(left=0.12, right=0.98, top=0.9, bottom=0.14)
+    panel.set_title("Above Walker's field a wall slows down", loc="left", fontsize=11, weight="bold")
     most = max(one.field for one in speeds) / WALKER
     for part in (np.linspace(0, 1, 100), np.linspace(1.0001, 1.05 * most, 400)):
         panel.plot(part, [known(x * WALKER) for x in part], color=VERMILLION, lw=1.2)
     panel.plot([one.field / WALKER for one in speeds], [one.found for one in speeds], "o", ms=5, color=BLUE)
-    words: Any = {"textcoords": "offset points", "fontsize": SIZE}
-    panel.annotate("gamma d B / alpha", (1.0, known(WALKER)), xytext=(8, -8), color=VERMILLION, **words)
-    panel.annotate("the wall precesses", (2.6, known(2.6 * WALKER)), xytext=(0, 14), color=VERMILLION, **words)
-    panel.annotate("measured on the chain", (speeds[-1].field / WALKER, speeds[-1].found), xytext=(0, 12), ha="right",
+    words: Any = {"textcoords": "offset points", "fontsize": 9}
+    panel.annotate("theory: gamma d B / alpha", (1.0, known(WALKER)), xytext=(8, -8), color=VERMILLION, **words)
+    panel.annotate("theory: the wall precesses", (2.6, known(2.6 * WALKER)), xytext=(0, 14), color=VERMILLION, **words)
+    panel.annotate("simulated", (speeds[-1].field / WALKER, speeds[-1].found), xytext=(0, 12), ha="right",
                    color=BLUE, **words)  # fmt: skip
-    panel.set_xlabel("field B, in units of Walker's field alpha K'")
-    panel.set_ylabel("speed, places in a time ħ/J")
+    panel.set_xlabel("field [Walker's field alpha K']")
+    panel.set_ylabel("speed [lattice constants per ħ/J]")
     panel.set_ylim(bottom=0)
     panel.set_xlim(left=0)
     panel.grid(alpha=0.3, color=GREY)

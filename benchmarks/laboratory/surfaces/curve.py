@@ -14,6 +14,10 @@ HOUR = 3600.0
 SEMI_AXES, DENSITY = (150.0, 75.0, 60.0), 2500.0  # m, kg/m^3
 SUN, OBSERVER = (1.0, 0.0, 0.0), (0.8, 0.6, 0.0)
 SPINS = {"about its shortest axis": (0.0, 0.0, 1.0), "tumbling": (0.65, 0.1, 0.75)}  # directions of the momentum
+_MESSAGES = {
+    "about its shortest axis": "Spin about the shortest axis: all minima are equal",
+    "tumbling": "Tumbling: no two minima in a row are equal",
+}
 PERIOD, HOURS, EVERY = 27.0, 120.0, 0.1  # hours: of a turn by the largest moment, of the run, between samples
 
 
@@ -41,11 +45,11 @@ def draw(out: Path | None) -> None:
     axes = figure.subplots(2, 1, sharex=True, sharey=True)
     figure.subplots_adjust(left=0.09, right=0.985, top=0.93, bottom=0.11, hspace=0.28)
     for one, colour, (name, (hours, values)) in zip(axes, (BLUE, VERMILLION), curves.items(), strict=True):
-        panel(one, name, "", "magnitude")
+        panel(one, _MESSAGES[name], "", "relative magnitude [mag]")
         one.plot(hours, values, color=colour, linewidth=1.3)
         one.yaxis.label.set_fontsize(SIZE + 2)
     axes[0].invert_yaxis()
-    axes[1].set_xlabel("hours", fontsize=SIZE + 2)
+    axes[1].set_xlabel("time [h]", fontsize=SIZE + 2)
     axes[0].set_xlim(0, HOURS)
     figure.savefig(out, dpi=110)
     out.write_bytes(few_colours(out.read_bytes()))
