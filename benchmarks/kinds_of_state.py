@@ -3,8 +3,7 @@
     python benchmarks/kinds_of_state.py [--write]
 
 Ratios of processor times on one core, medians of rounds in which all programs take turns; 4096 bodies through
-`ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page,
-and the ratios of second-order methods into docs/which-state.md.
+`ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page.
 """
 
 import argparse
@@ -24,7 +23,7 @@ jax.config.update("jax_enable_x64", True)
 
 import first_call  # noqa: E402
 from laboratory import scenes, thrown_brick  # noqa: E402
-from pages import publish, put, shown  # noqa: E402
+from pages import publish, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options  # noqa: E402
@@ -32,7 +31,6 @@ from midlie_jax._xla.compiler import compiler_options  # noqa: E402
 PAGE = "reports/speed.md"
 BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
 THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
-COSTS_BEGIN, COSTS_END = "<!-- costs -->", "<!-- /costs -->"
 BODIES, DT, ROUNDS = 4096, 0.005, 9
 STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80, "GBS12": 80, "DOP853": 160}  # by scheme or method
 PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81])
@@ -175,16 +173,6 @@ def rows() -> Iterator[list[str]]:
         ]
 
 
-def short(states: list[str]) -> list[str]:
-    """Of the lines of the whole table the ratios of second-order methods and of the fastest Runge-Kutta method."""
-    lines = ["| state | method | float64 | float32 |", "| --- | --- | --- | --- |"]
-    for line in states[2:]:
-        method, state, _, double, _, single, _ = (cell.strip() for cell in line.strip("|").split("|"))
-        if method in ("`JACOBI[EA]`", "`SYMMETRIC[EA]`", "`GBS12`") and not state.startswith("`RigidState`"):
-            lines.append(f"| {state} | {method} | {double} | {single} |")
-    return lines
-
-
 def write(states: list[str]) -> None:
     """Puts the whole table into its data file, and what two methods take in float64 into the page."""
     key = ("`JACOBI[EA]`", "`SYMMETRIC[EA]`")
@@ -209,7 +197,6 @@ def main() -> None:
     states, throw = shown(HEADS, rows()), shown(thrown_brick.HEADS, thrown_brick.rows())
     if options.write:
         write(states)
-        put("which-state.md", COSTS_BEGIN, COSTS_END, short(states))
         write_throw(throw)
 
 

@@ -5,7 +5,7 @@
 Every figure is the median of five runs of the fast top P1 after a first run, in processor time on one core; the process
 pins itself to that core. Compile times are of the first call, with tracing, by the wall clock. The limit in C is
 `limit.c`, which is compiled here in several forms; that takes minutes. `--write` puts the table into
-docs/reports/speed.md, and the speed of a few methods into docs/performance.md.
+docs/reports/speed.md.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from scipy.integrate import solve_ivp  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 from laboratory.kinds.rigid import rates  # noqa: E402
-from pages import publish, put  # noqa: E402
+from pages import publish  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
@@ -49,8 +49,6 @@ KEY = (
     *("DLM[EA]", "AKW", "NMB", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]"),
     *("GBS12", "DOP853", "RK4", "diffrax Tsit5, vmapped, constant step"),
 )
-FEW_BEGIN, FEW_END = "<!-- few -->", "<!-- /few -->"
-FEW = ("SYMMETRIC[EA]", "RK4", "JACOBI[EA]", "DOP853", "LIEMID[EA]", "GBS12", "JACOBI[SRKN14a]")
 
 
 def median_seconds(call, repeats=6):
@@ -329,20 +327,6 @@ def rows(scene, quick):
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
 
 
-def few(lines):
-    """The table of docs/performance.md: some methods, and diffrax's solver, with their own speeds."""
-    found = {name: (relative, first) for name, _, relative, first in reversed(lines)}
-    reference = next(float(speed.split()[0]) for name, speed, *_ in lines if name == "LIEMID[EA]")
-    names = {name: f"`{name}`" for name in FEW} | {
-        "diffrax Tsit5, vmapped, constant step": "diffrax's `Tsit5`, constant step"
-    }
-    text = [("method", "million body-steps a second", "first call"), ("---",) * 3]
-    for name, shown in names.items():
-        relative, first = found[name]
-        text.append((shown, f"{reference * float(relative):.3g}", first))
-    return [f"| {' | '.join(line)} |" for line in text]
-
-
 def table(lines):
     text = [HEADS, ("---",) * 4, *lines]
     return [f"| {' | '.join(line)} |" for line in text]
@@ -380,7 +364,6 @@ def main():
         lines.append(line)
     if options.write and not (options.flights or options.limits):
         write(table(lines))
-        put("performance.md", FEW_BEGIN, FEW_END, few(lines))
 
 
 if __name__ == "__main__":

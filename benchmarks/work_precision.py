@@ -32,8 +32,6 @@ pin()
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / "docs" / "reports"
-BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
-SPIN_BEGIN, SPIN_END = "<!-- spin -->", "<!-- /spin -->"
 SPIN = "A spinning frame is expensive for the Taylor series of heyoka."
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 DATA = ("work-precision", "work-precision-heyoka", "work-precision-ratios")
@@ -155,23 +153,8 @@ def texts_of(page: str) -> dict[str, str]:
     return found
 
 
-def ratio_lines() -> list[str]:
-    """The table of docs/how-it-compares.md: ratios of times, of all scenes."""
-    rows = saved(DATA[2])
-    return _table(list(rows[0]), map(dict.values, rows))
-
-
-def spin_lines() -> list[str]:
-    """The paragraph of docs/how-it-compares.md on the spin of a top, as it stands on the page."""
-    lines = (REPORTS / "work-precision.md").read_text().split("\n")
-    at = next(i for i, line in enumerate(lines) if line.startswith(SPIN))
-    return lines[at : lines.index("", at)]
-
-
 def into_pages() -> None:
-    """Copies the ratios of all scenes to docs/how-it-compares.md, the fastest methods to docs/choosing-a-method.md."""
-    put("how-it-compares.md", BEGIN, END, ratio_lines())
-    put("how-it-compares.md", SPIN_BEGIN, SPIN_END, spin_lines())
+    """Puts the fastest methods into docs/choosing-a-method.md."""
     put("choosing-a-method.md", choosing.BEGIN, choosing.END, shown(choosing.HEADS, choosing.rows()))
 
 

@@ -58,5 +58,5 @@ def test_the_fastest_methods_are_those_of_the_measured_page():
     text = (DOCS / "choosing-a-method.md").read_text()
     table = text.split(choosing.BEGIN)[1].split(choosing.END)[0]
     rows = [f"| {' | '.join(cells)} |" for cells in choosing.rows()]
-    assert len(rows) == 14
+    assert len({row.split(" | ")[0] for row in rows}) == 7  # scenes
     assert table.strip().splitlines()[2:] == rows
