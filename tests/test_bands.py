@@ -107,7 +107,7 @@ WRONG = {
     "words": ((TIMES, "values"), {}, "must be arrays of numbers, got an array of shape .* and str"),
     "unsorted": ((TIMES[::-1], VALUES), {}, "times must ascend and be finite. Sort"),
     "NaN times": ((TIMES * np.nan, VALUES), {}, "times must ascend"),
-    "all failed": ((TIMES, VALUES * np.nan), {}, "not finite in each of its 200 rows.*first_bad"),
+    "all failed": ((TIMES, VALUES * np.nan), {}, "finite row, got none in 200 rows.*first_bad"),
     "percent": ((TIMES, VALUES), {"levels": (50.0, 90.0)}, r"levels must be fractions .*got \(50.0, 90.0\)"),
     "no level": ((TIMES, VALUES), {"levels": ()}, "levels must be fractions"),
 }

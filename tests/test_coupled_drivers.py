@@ -211,7 +211,7 @@ REFUSED = {
     "implicit": (lambda b, t, s: step(b.body, None, rigid(s), "AKW"), "moves one body"),
     "recommend": (
         lambda b, t, s: ml.recommend(b, t, s, tolerance=1e-3, duration=1.0, length=1.0),
-        "recommend supports one body",
+        "start must be of one body for recommend",
     ),
     "control": (
         lambda b, t, s: step(b, ml.torques.PDControl([1.0, 0.0, 0.0, 0.0], 1.0, 1.0), s),

@@ -94,8 +94,8 @@ def test_what_cannot_be_meant_is_refused():
     for model, seen, message in (
         (thrown, of_body, "leave origin out"),
         (thrown, twice, "leave gravity out"),
-        (stays, staying, "need gravity="),
-        (pulled, staying, "need gravity="),
+        (stays, staying, "must have gravity="),
+        (pulled, staying, "must have gravity="),
     ):
         with pytest.raises(ValueError, match=message):
             ml.fit(model, GUESS, [seen], method="JACOBI[EA]", dt=1 / 100)

@@ -587,7 +587,7 @@ def messages():
         "temperatures": (go(torque=Langevin(jnp.ones(3), 1.0, key)), "kT must be one number"),
         "three numbers in a frame": (
             go(body=ml.TensorBody(np.diag(MOMENTS)), torque=Langevin(KT, [1.0, 2.0, 3.0], key)),
-            "give the tensor",
+            "Give the tensor",
         ),
         "oblique axis": (
             go("SYMMETRIC[BAOAB]", rotor, Langevin(KT, [1.0, 2.0, 3.0], key), axis),
@@ -603,7 +603,7 @@ def messages():
         "two temperatures of many": (many("JACOBI[BAOAB]", body, start, 1.0, kT=jnp.ones(2)), "kT must be one number"),
         "three numbers of many in a frame": (
             many("JACOBI[BAOAB]", ml.TensorBody(np.diag(MOMENTS)), start, [1.0, 2.0, 3.0]),
-            "give the tensor",
+            "Give the tensor",
         ),
         "many oblique axes": (many("SYMMETRIC[BAOAB]", rotor, axis, [1.0, 2.0, 3.0]), "with the first two equal"),
         "many unknown spins": (many("SYMMETRIC[BAOAB]", ml.Rotor(2.0), axis, 1.0), r"Rotor\(moment, along\)"),

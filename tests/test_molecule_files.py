@@ -78,7 +78,7 @@ def test_types_of_lammps_are_not_taken_for_elements(tmp_path):
     atoms, file = as_atoms(*box_of_water(2)), tmp_path / "w.data"
     io.write(file, atoms, format="lammps-data", units="real", atom_style="full")
     options: Any = {"format": "lammps-data", "units": "real", "atom_style": "full"}
-    with pytest.raises(ValueError, match=r"\(HeH2\); pass masses, add a section Masses, or pass Z_of_type"):
+    with pytest.raises(ValueError, match=r"section Masses.*\(HeH2\)\. Pass masses, or Z_of_type"):
         molecules.read(file, 3, **options)
     for more in ({"masses": MASSES}, {"Z_of_type": {1: 1, 2: 8}}):
         found = molecules.read(file, 3, **more, **options)
@@ -107,7 +107,7 @@ def test_what_cannot_be_read_or_written(tmp_path):
     body, points, start = box_of_water(2)
     atoms = as_atoms(body, points, start)
     io.write(tmp_path / "w.xyz", atoms)
-    with pytest.raises(ValueError, match="not a multiple of atoms"):
+    with pytest.raises(ValueError, match="must have a multiple of"):
         molecules.read(tmp_path / "w.xyz", 4)
     moved = atoms.copy()
     moved.positions[4] += 0.5
@@ -119,7 +119,7 @@ def test_what_cannot_be_read_or_written(tmp_path):
     with pytest.raises(ValueError, match="must be equal"):
         molecules.read(tmp_path / "w.xyz", 3)
     io.write(tmp_path / "w.xyz", ase.Atoms("OCO", [[0, 0, -1.16], [0, 0, 0], [0, 0, 1.16]]))
-    with pytest.raises(ValueError, match=r"on a line.*use midlie_jax.from_points"):
+    with pytest.raises(ValueError, match=r"on a line.*Use midlie_jax.from_points"):
         molecules.read(tmp_path / "w.xyz", 3)
     path = ml.integrate("JACOBI[EA]", body, None, start.of_body(0), dt=0.001, steps=1)
     with pytest.raises(ValueError, match="one run of a CoupledState"):

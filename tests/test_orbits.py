@@ -397,7 +397,7 @@ def test_an_orbit_in_kilometres_with_mu_in_metres_is_noticed(kind):
     for numbers, unit in ((IN_KM, "km"), (IN_METRES, "m")):
         gradient_on(kind, *numbers, OF_EARTH[unit])
     for numbers, unit in ((IN_KM, "m"), (IN_METRES, "km")):
-        with pytest.raises(ValueError, match="orbit and mu must be in the same units, but speed"):
+        with pytest.raises(ValueError, match="orbit and mu must be in the same units, got speed"):
             gradient_on(kind, *numbers, OF_EARTH[unit])
 
 

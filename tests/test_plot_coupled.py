@@ -177,7 +177,10 @@ def test_a_section_of_coupled_bodies():
         (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "path must hold at most 12 paths, got 13"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.ones(3)), "points must be (a, 3)"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.nan * SITES), "points must be finite"),
-        (lambda axes: ml.plot.view(*named(*apart(2, ml.CoupledRigidState))), "path must be one path, got a mapping"),
+        (
+            lambda axes: ml.plot.view(*named(*apart(2, ml.CoupledRigidState))),
+            "path must be one path, got several of CoupledRigidStates",
+        ),
         (lambda axes: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),
     ],
 )

@@ -328,7 +328,10 @@ WRONG = {
         lambda: ml.scatter(KEY, 3, dtype="float32", x=d.Normal(1e300, 1.0)),
         "parameter of x in float32 must",
     ),
-    "too few rows": (lambda: ml.scatter(KEY, 8, x=d.Each(TABLE)), r"x has 7 rows, but there is a body 7"),
+    "too few rows": (
+        lambda: ml.scatter(KEY, 8, x=d.Each(TABLE)),
+        r"x must have one row per body, got 7 rows and body 7",
+    ),
 }
 
 

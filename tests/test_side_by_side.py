@@ -42,7 +42,7 @@ def test_bodies_side_by_side_have_one_clock_and_each_its_own_motion(path, other)
 
 def test_forward_and_backward_do_not_go_side_by_side(path):
     back = path._replace(times=-path.times)
-    with pytest.raises(ValueError, match="some paths go forward in time and others backward"):
+    with pytest.raises(ValueError, match="all go forward in time, or all backward"):
         ml.plot.animate(BRICK, [path, back], "never.gif")
 
 
@@ -70,7 +70,7 @@ def test_what_may_be_shown_side_by_side(path, other):
 @pytest.mark.parametrize(
     ("body", "many", "message"),
     [
-        (BRICK, [], "path holds no path"),
+        (BRICK, [], "path must hold at least one path, got none"),
         (BRICK, 13, "path must hold at most 12 paths, got 13"),
         ([BRICK], 2, r"body must be one body, or one for each of the 2 paths, got 1"),
     ],

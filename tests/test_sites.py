@@ -162,7 +162,7 @@ WRONG = {
     "no mass": (([0.0, 0.0, 0.0], WATER), "masses must not all be zero.*give a mass to at least two points"),
     "one point": (([1.0], WATER[:1]), "places must hold masses at two or more positions, got 1.*midlie_jax.Particles"),
     "one mass": (([1.0, 0.0, 0.0], WATER), "places must hold masses at two or more positions"),
-    "off the line": (([1.0, 1.0, 0.0], WATER), "places must be on one line.*give that site a mass"),
+    "off the line": (([1.0, 1.0, 0.0], WATER), "places must be on one line.*Give that site a mass"),
     "not finite": (([1.0, 1.0, 1.0], WATER * np.nan), "places must be finite"),
 }
 

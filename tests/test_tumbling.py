@@ -175,7 +175,7 @@ def test_single_precision():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: asked(mode=None), 'both modes have these periods; give mode="short"'),
+        (lambda: asked(mode=None), 'both modes have these periods. Give "short"'),
         (lambda: asked(axis="c"), 'axis must be "short" or "long"'),
         (lambda: asked(mode="SAM"), 'mode must be "short", "long" or None'),
         (lambda: asked(rotation_period=100.0), "rotation_period must be at least 7.56693 in the short-axis mode"),

@@ -221,12 +221,12 @@ def check(
     check_state("start", start)
     method = as_method(method)
     if not start.own_axes:
-        raise ValueError(f"check supports rotating bodies, but start is a {type(start).__name__}.")
+        raise ValueError(f"start must be the state of a body that rotates, got a {type(start).__name__}.")
     count = start.momentum.shape[-2] if start.several else 1
     if count > _MOST_COUPLED:
         raise ValueError(
-            f"check linearises the torque on at most {_MOST_COUPLED} coupled bodies, got {count}; "
-            "check some of them, or compare the energy of runs with dt and dt/2."
+            f"start must have at most {_MOST_COUPLED} coupled bodies for check, got {count}. "
+            "Check some of them, or compare runs with dt and dt/2."
         )
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)

@@ -125,9 +125,7 @@ def recommend(
     """
     require_numbers("recommend", body, torque, start, tolerance, duration, t0, length)
     if getattr(start, "several", False):
-        raise ValueError(
-            "recommend supports one body; for coupled bodies compare runs with dt and dt/2, first with JACOBI[SRKN6b]."
-        )
+        raise ValueError("start must be of one body for recommend. For coupled bodies compare runs with dt and dt/2.")
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
     if not isinstance(body_that_turns, RigidBody | Rotor):
         raise ValueError(f"recommend supports rotating bodies, got body {described(body)}{order_cure(body)}.")
@@ -137,8 +135,8 @@ def recommend(
         )
     if (start.rotation is None) != (length is None):
         raise ValueError(
-            "length is the position error that counts as 1; give it only for a body that translates; "
-            f"start is a {type(start).__name__}."
+            f"length must be given if and only if the body translates, got a {type(start).__name__}. It is the "
+            "position error that counts as 1."
         )
     if length is not None:
         length = float(as_scalar("length", length, start.momentum.dtype))

@@ -188,8 +188,8 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
             raise ValueError("a path has its times; leave times out.")
         if not bool(np.all(np.asarray(run.ok))):
             raise ValueError(
-                f"the run failed: of its {np.shape(run.times)[-1]} states "
-                f"{np.min(np.asarray(run.first_bad))} can be trusted; pass these as a state with times."
+                f"run must be without failures, got {np.min(np.asarray(run.first_bad))} good states of "
+                f"{np.shape(run.times)[-1]}. Pass these as a state with times."
             )
         run, times = run.states, run.times
     elif times is None:

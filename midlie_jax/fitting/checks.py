@@ -83,8 +83,8 @@ def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> No
         in_model = torque is not None and without_gravity(torque) is not torque
         if m.gravity is None and (start.rotation is None or not in_model):
             raise ValueError(
-                "Accelerations need gravity=, such as (0, 0, -9.81), or zeros where there is none; on a body that "
-                "translates it can be a term of the torque instead, such as UniformGravity."
+                "Accelerations must have gravity=, got None. Give it, such as (0, 0, -9.81) or zeros, or "
+                "UniformGravity in the torque of a body that translates."
             )
         if in_model and m.gravity is not None:
             raise ValueError(
@@ -111,13 +111,13 @@ def _check_speeds(body: Any, start: AnyState, measured: Rates) -> None:
         return
     if not unknown and speeds.min() <= guessed <= speeds.max():
         raise ValueError(
-            f"Rates must be of one motion, got speeds from {speeds.min():.3g} to {speeds.max():.3g}, which no free "
-            "body has; fit only the rows in which no torque acts, or give the torque in the model."
+            f"Rates must be of one free motion, got speeds from {speeds.min():.3g} to {speeds.max():.3g}. Fit only "
+            "the rows without torque, or give the torque."
         )
     seen = f"changes of {usual:.3g}" if unknown else f"{usual:.3g}"
     raise ValueError(
-        f"Rates must be in the units of the guess, which rotates at {guessed:.3g} radians per unit of time, got "
-        f"{seen}; give both in radians per unit of time of dt, such as np.deg2rad(values)."
+        f"Rates must be in the units of the guess, {guessed:.3g} radians per unit of time, got {seen}. Convert "
+        "them, for example by np.deg2rad(values)."
     )
 
 
@@ -158,9 +158,8 @@ def _check_convention(attitudes: Attitudes, rates: Rates, values: Any) -> None:
     best = min(others, key=lambda name: others[name])
     if others[best] < _AGREES and given > max(_DIFFERS, _BETTER * others[best]):
         raise ValueError(
-            f"Attitudes must be quaternions (w, x, y, z) from body to space; by the Rates, these are {best}: their own "
-            f"rates differ from the Rates by {given:.0%}, and by {others[best]:.0%} in that reading. Pass "
-            f"{_READINGS[best][1]}."
+            f"Attitudes must be quaternions (w, x, y, z) from body to space; by the Rates, these are {best}, off by "
+            f"{others[best]:.0%} instead of {given:.0%}. Pass {_READINGS[best][1]}."
         )
 
 

@@ -186,8 +186,8 @@ def prepare(
     grid = Grid.of(times, float(dt), float(t0), segments, moving=any(m.clock is not None for m in listed))
     if grid.steps * segments > _MOST_STEPS:
         raise ValueError(
-            f"times must be at most {_MOST_STEPS:.2g} steps after t0, got {times.max():g}, which is "
-            f"{(times.max() - t0) / dt:.2g} steps after t0; give times in the unit of time of dt and of the model."
+            f"times must be at most {_MOST_STEPS:.2g} steps after t0, got {times.max():g} after "
+            f"{(times.max() - t0) / dt:.2g} steps. Give times in the unit of time of dt."
         )
     if segments > 1 and grid.steps * (segments - 1) * dt >= times.max() - t0:
         raise ValueError(f"segments must not be too many for the steps, got {segments}; give fewer, or a smaller dt.")

@@ -158,8 +158,8 @@ class Fit:
         """
         if self.rank < self._layout.size:
             raise ValueError(
-                f"draws need data that determine all {self._layout.size} unknowns, got a rank of {self.rank}; fix "
-                "some, or use `derived` for what is determined."
+                f"data must determine all {self._layout.size} unknowns for draws, got a rank of {self.rank}. Fix some, "
+                "or use `derived`."
             )
         estimate = self.estimate
         root = np.linalg.cholesky(np.asarray(estimate.unconstrained))

@@ -259,8 +259,8 @@ class System(NamedTuple):
         """The torque; a ValueError if it reads the momentum, for which a force gradient is undefined."""
         if self.reads_momentum:
             raise ValueError(
-                "a scheme with force gradients needs a torque from a potential, but this torque depends on the "
-                "momentum; use a scheme without gradients."
+                "torque must not depend on the momentum under a scheme with force gradients. Use a scheme without "
+                "gradients."
             )
         assert self.torque is not None
         return self.torque

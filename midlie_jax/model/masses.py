@@ -34,8 +34,8 @@ def checked(mass: Array) -> Array:
     """
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
         raise ValueError(
-            "mass must be a scalar, (n,), a column (n, 1), a row (1, n) or a matrix (n, n), got "
-            f"{mass.shape}; map over a batch with jax.vmap, or flatten positions with one mass per entry."
+            f"mass must be a scalar, (n,), (n, 1), (1, n) or a matrix (n, n), got {mass.shape}. Map over a batch "
+            "with jax.vmap, or flatten positions."
         )
     if not is_matrix(mass):
         require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
@@ -63,8 +63,8 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
     if is_matrix(mass):
         if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
             raise ValueError(
-                f"body.mass is a matrix {form}, which couples coordinates, but {values} is not "
-                f"{form[:1]}; flatten it to one axis and give one row per coordinate."
+                f"body.mass must have one row per coordinate if it is a matrix, got {form} for {values}. Flatten the "
+                "state to one axis."
             )
         return
     if not _broadcasts(form, shape):
@@ -75,8 +75,8 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
         raise ValueError(f"body.mass {form} does not fit {values}; {cure}.")
     if len(form) == 1 and form[0] > 1 and form[0] in shape[:-1]:
         raise ValueError(
-            f"body.mass {form} is ambiguous for {values}; write mass[:, None] for one mass per row "
-            "(particle), or mass[None, :] for one mass per column."
+            f"body.mass must be a column or a row for {values}, got {form}. Write mass[:, None] for one mass per "
+            "particle, or mass[None, :]."
         )
 
 

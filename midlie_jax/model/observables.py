@@ -254,7 +254,7 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     states = state.momentum.shape[: -state.own_axes]
     if states and bodies != states[: len(bodies)]:
         raise ValueError(
-            f"moments {(*bodies, 3)} and momentum {state.momentum.shape} do not fit; for n bodies "
-            "give moments (n, 3) and a momentum (n, 3) or (n, ..., 3); map other axes with jax.vmap."
+            f"momentum must be (n, 3) or (n, ..., 3) for moments (n, 3), got {state.momentum.shape} for "
+            f"{(*bodies, 3)}. Map other axes with jax.vmap."
         )
     return len(bodies) if states else 0

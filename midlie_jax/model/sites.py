@@ -97,8 +97,7 @@ def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Ar
     along, size = points[:, 0], jnp.max(jnp.abs(points))
     if jnp.max(jnp.abs(points[:, 1:])) > cp.epsilon(points) ** _NO_SIGN * size:
         raise ValueError(
-            "places must be on one line if all masses are, got a massless site off the line, whose "
-            "motion is undetermined; give that site a mass."
+            "places must be on one line if all masses are, got a massless site off the line. Give that site a mass."
         )
     zeros = jnp.zeros_like(along)
     third = cp.pack((zeros, zeros, _sign(along, points) * along))

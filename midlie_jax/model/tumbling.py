@@ -333,8 +333,8 @@ def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> s
     able = [name for name in _MODES if can[name]]
     if mode is None and len(able) == 2:
         raise ValueError(
-            'both modes have these periods; give mode="short" if the momentum circles the axis of '
-            'the largest moment, or "long" for the smallest.'
+            'mode must be "short" or "long", because both modes have these periods. Give "short" if the momentum '
+            "circles the axis of the largest moment."
         )
     if not able or (mode is not None and not can[mode]):
         limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)

@@ -77,13 +77,14 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     size = as_count("atoms", atoms)
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
-        raise ValueError(f"{file} has {len(found)} atoms, which is not a multiple of atoms ({size}).")
+        raise ValueError(
+            f"{file} must have a multiple of {size} atoms, got {len(found)}. Give the number of atoms per molecule."
+        )
     if _elements_unknown(found, options):
         if masses is None:
             raise ValueError(
-                f"{file} has no masses, so ase uses its type numbers as elements "
-                f"({found[:size].symbols}); pass masses, add a section Masses, or pass Z_of_type={{1: 6, "
-                f"2: 1}}."
+                f"{file} must have a section Masses, got type numbers that ase reads as elements "
+                f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
             )
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
@@ -97,8 +98,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     body, points = from_points(weights, places[0])
     if not isinstance(body.body, RigidBody):
         raise ValueError(
-            "the atoms of a molecule are on a line, which read does not support; use "
-            "midlie_jax.from_points and a midlie_jax.CoupledFreeAxisState of axes and positions."
+            "file must have molecules whose atoms are not on a line. Use "
+            "midlie_jax.from_points and a midlie_jax.CoupledFreeAxisState."
         )
     return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
 

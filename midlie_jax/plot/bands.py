@@ -80,8 +80,8 @@ def bands(
     failed = len(all_values) - len(good)
     if not len(good):
         raise ValueError(
-            f"values must have a finite row, got a number that is not finite in each of its {len(all_values)} rows. "
-            "Draw the times before the bodies failed; see first_bad of the path."
+            f"values must have a finite row, got none in {len(all_values)} rows. Draw only times before first_bad "
+            "of the path."
         )
     chosen, name = colour or BLUE, label or "median"
     named, edges = list[tuple[str, float]](), dict[float, tuple[np.ndarray, np.ndarray]]()

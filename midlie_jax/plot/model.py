@@ -64,7 +64,7 @@ def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
     states = [getattr(one, "states", None) for one in paths]
     free = [isinstance(one, TravellingState) and not isinstance(one, Coupled) for one in states]
     if not paths:
-        raise ValueError("path holds no path; give one, or a mapping of names to paths.")
+        raise ValueError("path must hold at least one path, got none. Give a path, or a mapping of names to paths.")
     if len(names) > most:
         cure = ", or set together=True to draw bodies in one space" * all(free)
         raise ValueError(f"path must hold at most {most} paths, got {len(names)}. Choose some of them{cure}.")
@@ -173,12 +173,12 @@ def around_of(box: Any, planet: Any, paths: Iterable[Any]) -> Around:
         still = [path for path in paths if not isinstance(getattr(path, "states", None), TravellingState)]
         if given is not None and still:
             kind = type(getattr(still[0], "states", None)).__name__
-            raise ValueError(f"{name} needs bodies with a position, such as a FreeState, got a {kind}.")
+            raise ValueError(f"{name} must be left out without positions, got a {kind}. Use a FreeState.")
     corners = None if box is None else np.asarray(as_floats("box", box), float)
     if corners is not None and corners.shape != (2, 3):
         raise ValueError(
-            f"box must be the least and the largest corner, (2, 3), got {corners.shape}. Give [[0, 0, 0], [L, L, L]] "
-            "for a box that begins at the origin, [[-L/2] * 3, [L/2] * 3] for one around it."
+            f"box must be the least and the largest corner, (2, 3), got {corners.shape}. "
+            "Give [[0, 0, 0], [L, L, L]], for example."
         )
     if corners is not None and (not np.all(np.isfinite(corners)) or np.any(corners[1] <= corners[0])):
         raise ValueError(f"box must have its least corner first and its largest second, got {corners.tolist()}.")
@@ -245,7 +245,9 @@ def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list
     motions = [motion_of(one.path) for one in moved]
     signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
     if len(signs) > 1:
-        raise ValueError("some paths go forward in time and others backward; show them in separate pictures.")
+        raise ValueError(
+            "path must hold paths that all go forward in time, or all backward. Show others in a picture of their own."
+        )
     first, last = (min, max) if signs.pop() else (max, min)
     times = np.linspace(first(m.times[0] for m in motions), last(m.times[-1] for m in motions), count)
     return [_turning(one, motion, axis, times) for one, motion in zip(moved, motions, strict=True)]
@@ -473,8 +475,8 @@ def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
     if isinstance(states, Coupled):
         if not isinstance(states, TravellingState):
             raise ValueError(
-                f"path must be one path, got a mapping or a list with {type(states).__name__}s, whose bodies have one "
-                "panel each. Draw each path alone, or take body i by path._replace(states=path.states.of_body(i))."
+                f"path must be one path, got several of {type(states).__name__}s. Draw each path alone, or take "
+                "body i by path._replace(states=path.states.of_body(i))."
             )
         check_body(body, states)
         bodies = enumerate(_each_body(body, states.count))

@@ -83,10 +83,9 @@ def motion_of(path: Any, *, together: bool = False) -> Motion:
         )
     if times.ndim != 1 or states.momentum.shape[: -states.own_axes] != times.shape:
         raise ValueError(
-            f"path must be of one body, with momenta (n, 3) at n times, got {states.momentum.shape} and times "
-            f"{times.shape}. Take body k of an ensemble by "
-            "ml.Path(path.times, jax.tree.map(lambda x: x[k], path.states), path.ok[k], path.first_bad[k]), "
-            "and integrate with save_every."
+            f"path must be of one body with several times, got momenta {states.momentum.shape} and times "
+            f"{times.shape}. Take body k: "
+            "ml.Path(path.times, jax.tree.map(lambda x: x[k], path.states), path.ok[k], path.first_bad[k])."
         )
     good = int(path.first_bad)
     if good < 2:

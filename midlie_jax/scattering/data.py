@@ -69,8 +69,8 @@ class Each(Distribution):
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
         if indices.size and indices.max() >= len(self.values):
             raise ValueError(
-                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (counted from "
-                "0); give Each one row per body, or use Rows to draw rows at random."
+                f"{name} must have one row per body, got {len(self.values)} rows and body {indices.max()} (from "
+                "0 on). Add rows, or use Rows to draw at random."
             )
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:

@@ -63,9 +63,8 @@ def check_units(orbit: Any, mu: Any) -> None:
     least, largest = float(ratios.min() / mu.max()), float(ratios.max() / mu.min())
     if 0 < largest < _LEAST_RATIO or least > _LARGEST_RATIO:
         raise ValueError(
-            f"orbit and mu must be in the same units, but speed^2 distance / mu is {least:.2g} to "
-            f"{largest:.2g}, not about 1; convert one, or pass lambda t: orbit(t) for a "
-            "non-gravitational path."
+            f"orbit and mu must be in the same units, got speed^2 distance / mu from {least:.2g} to {largest:.2g}. "
+            "Convert one, or pass lambda t: orbit(t)."
         )
 
 

@@ -203,8 +203,8 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
     turning: Any = body.turning
     if shape and not tensor and not isinstance(turning, RigidBody | Rotor):
         raise ValueError(
-            f"{name} has three numbers, for the principal axes, but the body is a "
-            f"{type(turning).__name__} with its own frame; give the tensor (3, 3) in that frame."
+            f"{name} must be a number or a tensor (3, 3) for a {type(turning).__name__}, got three numbers. Give the "
+            "tensor in the frame of the body."
         )
     if isinstance(turning, Rotor) and tensor:
         raise _not_symmetric(name, friction, state)

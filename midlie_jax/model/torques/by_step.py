@@ -173,8 +173,8 @@ class Pulses(ByStep):
     def _starts(self) -> Array:
         if self.starts.ndim != 1 or self.width.shape not in ((), self.starts.shape):
             raise ValueError(
-                f"starts must have shape (P,) and width () or (P,), got {self.starts.shape} and {self.width.shape}; "
-                "give the times of all pulses, and one width or one for each."
+                f"starts must have shape (P,) and width () or (P,), got {self.starts.shape} and {self.width.shape}. "
+                "Give one time per pulse."
             )
         return self.starts
 

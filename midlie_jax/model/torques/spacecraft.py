@@ -39,8 +39,8 @@ def _gain(name: str, value: Any) -> Array:
     gain = as_floats(name, value)
     if gain.ndim and gain.shape[-1] != 3:
         raise ValueError(
-            f"{name} must be a number or have shape (3,), one for each body axis, got {gain.shape}; for one number "
-            f"for each of n bodies write jnp.tile({name}[:, None], (1, 3))."
+            f"{name} must be a number or have shape (3,), got {gain.shape}. For one number per body write "
+            f"jnp.tile({name}[:, None], (1, 3))."
         )
     require(name, gain, lambda g: np.isfinite(g) & (g >= 0), "must be finite and not negative", "pass its magnitude.")
     return gain
