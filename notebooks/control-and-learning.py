@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Control and learning
+# # Control and learning: five loops
 #
 # A control loop needs single steps: the controller reads the state, decides, and acts. `ml.stepper` gives the steps of
 # a method as pure functions. The loop compiles, runs in batches and has a gradient. This notebook simulates one
