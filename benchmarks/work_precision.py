@@ -173,7 +173,7 @@ def scene_report(name: str, out: Path, quick: bool) -> str:
     picture = out / f"work-precision-{name}.png"
     work_precision_chart(
         *(comparison.ours, comparison.rivals, comparison.families, str(picture)),
-        title=work_precision.title(problem),
+        title=message(name, _spans(rows)[0]),
         note=work_precision.note(comparison),
         measured=problem.kind.measured,
         clock=cost_clock().name,
@@ -201,6 +201,12 @@ def scene_report(name: str, out: Path, quick: bool) -> str:
     )
     print(text, *summary, sep="\n", flush=True)
     return text
+
+
+def message(name: str, over_heyoka: str) -> str:
+    """The title of a chart, from the span of the ratios of all methods to heyoka."""
+    faster = times_faster.inverse(over_heyoka)
+    return f"{name}: {faster} times faster than heyoka" if faster[0].isdigit() else name
 
 
 def section(title: str, errors: str, times: str, spin: str, picture: str, name: str) -> str:

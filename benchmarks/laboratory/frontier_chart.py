@@ -21,10 +21,7 @@ from .kinds.rigid import RIGID
 from .rivals import RIVALS
 from .rivals.problem import Point
 
-LEGEND = (
-    "Bold lines: the fastest method of midlie_jax (general), the fastest reversible or energy-conserving method "
-    "(conserving), and the fastest symplectic method. Hollow marks: other programs."
-)
+LEGEND = "Bold: the fastest methods of midlie_jax in three families. Hollow: other programs."
 CLOSED = "free_motion is the closed form and takes no steps."
 ATTITUDE = RIGID.measured
 _LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding

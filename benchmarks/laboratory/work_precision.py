@@ -197,14 +197,10 @@ def note(comparison: Comparison) -> str:
     case = comparison.problem
     closed = any(point.method == FREE_MOTION for point in comparison.ours)
     legend = f"{LEGEND} {CLOSED}" if closed else LEGEND
-    return (
-        f"{case.bodies} bodies in a batch, one core, float64. Errors of {case.kind.measured}, against the "
-        f"{case.source}, uncertainty {case.uncertainty:.0e}. {legend} {timing_note(comparison)}"
-    )
+    return f"{case.bodies} bodies, one core, float64. {legend} {timing_note(comparison)}"
 
 
 def timing_note(comparison: Comparison) -> str:
     """How times were measured, their spread, and a warning if the machine was busy."""
     spread = spread_in_words([point.spread for point in comparison.ours + comparison.rivals])
-    text = f"Times: medians of {cost_clock().name}; ± or bars: half the distance between quartiles ({spread})"
-    return f"{text}. {comparison.warning}".strip()
+    return f"Times: medians of {cost_clock().name}, {spread}. {comparison.warning}".strip()

@@ -59,7 +59,7 @@ def draw(results: list[tuple[str, float, list[float]]], path: Path) -> None:
     from midlie_jax.cli.line_labels import End, label_ends
 
     figure = new_figure(9.0, 5.6)
-    title = "Up to 1 fs per force, the higher orders have a steadier energy than LAMMPS"
+    title = "Higher orders have a steadier energy up to 1 fs per force"
     heading(figure, title, "216 water molecules, 2 ps from one initial state.")
     figure.subplots_adjust(left=0.11, bottom=0.13, right=0.97)
     axes = figure.subplots()
