@@ -47,11 +47,16 @@ temperature = np.mean(np.asarray(warming.states.momentum) ** 2 / moments, axis=0
 print("at the end, on each axis:", temperature[-1].round(3), "+-", round(np.sqrt(2 / many), 3))
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.0))
-panel(left, "Warming up", "time", r"$\langle\Pi_i^2\rangle\;/\;I_i\,kT$")
+panel(
+    left,
+    "Every axis reaches the temperature of the bath",
+    "time",
+    r"temperature of the axis  $\langle\Pi_i^2\rangle/I_i\,kT$",
+)
 for i, colour in enumerate((BLUE, ORANGE, GREEN)):
     left.plot(warming.times, temperature[:, i], color=colour)
     left.text(6, 0.5 - 0.1 * i, f"$I_{i + 1}$ = {moments[i]}", color=colour)
-panel(right, "Maxwell's distribution at the end", r"$\Pi_1\,/\,\sqrt{I_1\,kT}$", "density")
+panel(right, "The momenta follow Maxwell's distribution", r"momentum  $\Pi_1/\sqrt{I_1\,kT}$", "probability density")
 shown = np.linspace(-4, 4, 200)
 right.hist(np.asarray(warming.states.momentum[:, -1, 0]), bins=40, density=True, color=BLUE, alpha=0.4)
 _ = right.plot(shown, np.exp(-(shown**2) / 2) / np.sqrt(2 * np.pi), color=GREY)
@@ -98,7 +103,7 @@ for row in zip(fields, cosine.mean(1), error, langevin, strict=True):
 # %%
 steps = np.array([0.2, 0.4, 0.6, 0.8])
 figure, axes = plt.subplots(figsize=(7, 4.0))
-panel(axes, r"Error of $\langle\cos\theta\rangle$ at x = 4", "step", "error")
+panel(axes, "BAOAB has the smallest error", "step", r"error of $\langle\cos\theta\rangle$ at x = 4")
 count, field = 8000, 4.0
 for scheme, colour in (("BAOAB", BLUE), ("OBABO", ORANGE), ("ABOBA", GREEN)):
     found = []
@@ -140,8 +145,8 @@ axis = correlation(ml.observe.Axis(), 20, strong, dt=0.05, every=20)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8))
 for axes, found, rate, title in (
-    (left, velocity, weak / moment, r"$\langle\Omega(0)\cdot\Omega(t)\rangle$ of a free sphere"),
-    (right, axis, 2 * kT / strong, r"$\langle e(0)\cdot e(t)\rangle$ under strong friction"),
+    (left, velocity, weak / moment, "Angular velocity: simulation follows theory"),
+    (right, axis, 2 * kT / strong, "Axis under strong friction: the same"),
 ):
     panel(axes, title, "time", "correlation")
     axes.errorbar(found.lag, found.correlation, found.error, fmt=".", color=BLUE)
@@ -188,7 +193,12 @@ seen = ml.ensemble(
 ).states
 frequency, density = np.asarray(seen.frequency) * period, np.asarray(seen.density) / period
 figure, axes = plt.subplots(figsize=(8, 4.0))
-panel(axes, "Libration of a dumbbell", "frequency / that of the softer libration", "density of the axis' x  [period]")
+panel(
+    axes,
+    "Each line has a shoulder on its outer side",
+    "frequency / softer libration",
+    "spectral density of x  [period]",
+)
 axes.semilogy(frequency, density, color=BLUE)
 for place, name, side in ((1.0, "softer, along x ", "right"), (np.sqrt(1 + difference), " stiffer, along y", "left")):
     axes.axvline(place, color=GREY, lw=0.8)
