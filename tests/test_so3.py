@@ -1,5 +1,7 @@
 """Rotations: values, first and second derivatives against 120 digits, at and near zero and pi, in both dtypes."""
 
+from itertools import product
+
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -224,3 +226,33 @@ def test_dexp_is_the_derivative_of_exp(dtype):
     r = np.random.default_rng(2).normal(size=v.shape).astype(dtype)
     for difference in jax.vmap(both)(v, r):
         assert np.abs(difference).max() <= 16 * epsilon(dtype) * np.abs(r).max()
+
+
+SEQUENCES = ["".join(axes) for axes in product("XYZ", repeat=3) if axes[0] != axes[1] != axes[2]]
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_euler_angles_agree_with_scipy_and_give_the_rotation_back(sequence):
+    quaternions = np.random.default_rng(5).normal(size=(200, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    angles = so3.to_euler(jnp.asarray(quaternions), sequence)
+    expected = Rotation.from_quat(quaternions, scalar_first=True).as_euler(sequence)
+    np.testing.assert_allclose(angles, expected, atol=1e-11)
+    back = so3.from_euler(angles, sequence)
+    np.testing.assert_allclose(np.abs(np.sum(back * quaternions, axis=1)), 1, atol=1e-14)
+    digits = sequence.translate(str.maketrans("XYZ", "123"))
+    np.testing.assert_array_equal(so3.to_euler(jnp.asarray(quaternions), digits), angles)
+    # At the singularity the three angles still give the rotation.
+    middle = 0.0 if sequence[0] == sequence[2] else np.pi / 2
+    locked = so3.from_euler(jnp.array([0.3, middle, -0.8]), sequence)
+    again = so3.from_euler(so3.to_euler(locked, sequence), sequence)
+    np.testing.assert_allclose(abs(jnp.sum(again * locked)), 1, atol=1e-14)
+
+
+def test_euler_angles_have_derivatives_and_refuse_other_sequences():
+    angles = jnp.array([0.3, 0.4, -0.8])
+    found = jax.jacfwd(lambda a: so3.to_euler(so3.from_euler(a, "ZYX"), "ZYX"))(angles)
+    np.testing.assert_allclose(found, jnp.eye(3), atol=1e-13)
+    for sequence in ("ZZX", "AB", "1234", "xyy"):
+        with pytest.raises(ValueError, match="sequence must be three axes"):
+            so3.to_euler(jnp.array([1.0, 0, 0, 0]), sequence)

@@ -226,3 +226,62 @@ def test_a_function_of_time_returns_a_vector(case, returned):
     with pytest.raises(ValueError, match=message):
         jax.eval_shape(lambda t: torques.on_body(make(function), body)(t, state), jnp.zeros(()))
     jax.eval_shape(torques.on_body(make(lambda t: jnp.stack([t, t, t])), body), jnp.ones(()), state)
+
+
+MU, RADIUS = 3.986e14, 7e6
+ORBIT = ml.orbits.CircularOrbit([RADIUS, 0.0, 0.0], [0.0, 0.6, 0.8], MU)
+MEAN_MOTION = (MU / RADIUS**3) ** 0.5
+
+
+def test_the_local_frame_points_down_and_turns_once_per_orbit():
+    orbit = ml.orbits.KeplerOrbit([RADIUS, 0.0, 1e6], [0.0, 6e3, 4e3], MU)
+    times = jnp.linspace(0.0, 9000.0, 7)
+    frames, position, velocity = orbit.lvlh(times), orbit(times), orbit.velocity_at(times)
+    x, y, z = (so3.rotate(frames, jnp.tile(jnp.eye(3)[i], (7, 1))) for i in range(3))
+    np.testing.assert_allclose(jnp.cross(z, position), 0, atol=1e-9 * RADIUS)
+    assert np.all(jnp.sum(z * position, axis=-1) < 0)
+    np.testing.assert_allclose(jnp.sum(y * velocity, axis=-1), 0, atol=1e-9 * 1e4)
+    assert np.all(jnp.sum(x * velocity, axis=-1) > 0)
+    period = 2 * np.pi / MEAN_MOTION
+    np.testing.assert_allclose(abs(jnp.sum(ORBIT.lvlh(0.0) * ORBIT.lvlh(period))), 1, atol=1e-12)
+
+
+@pytest.mark.sample(0)
+def test_control_follows_the_local_frame_within_its_limit():
+    """The pitch axis is a principal axis, so the error goes to zero, and the torque never exceeds the limit."""
+    body, limit = ml.RigidBody([10.0, 12.0, 7.0]), 2e-3
+    control = torques.PDControl(ORBIT.lvlh, 0.02, 0.6, limit=limit)
+    start = ml.RigidState([0.0, 0.0, 0.0], so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.5, -0.4, 0.3]))))
+    observe = {
+        "angles": ml.observe.EulerAngles(frame=ORBIT.lvlh),
+        "torque": lambda t, state: control.on(body)(t, state),
+        "rate": ml.observe.AngularVelocity(),
+    }
+    path = ml.integrate("JACOBI[EA]", body, control, start, dt=0.5, steps=4000, save_every=20, observe=observe)
+    assert path.ok
+    assert np.abs(path.states["torque"]).max() <= limit * (1 + 1e-12)
+    assert np.abs(path.states["torque"]).max() == pytest.approx(limit)
+    assert np.abs(path.states["angles"][-1]).max() < 1e-6
+    np.testing.assert_allclose(path.states["rate"][-1], [0.0, -MEAN_MOTION, 0.0], atol=1e-8)
+
+
+@pytest.mark.sample(0)
+def test_pitch_librates_at_the_rate_of_the_gravity_gradient():
+    """n sqrt(3 (I1 - I3) / I2) for small pitch (Hughes, chapter 9), seen by `observe.EulerAngles`."""
+    body = ml.RigidBody([11.0, 12.0, 4.0])
+    torque = torques.GravityGradient(None, ORBIT, MU)
+    attitude = so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.0, 1e-4, 0.0])))
+    start = ml.RigidState.from_velocity(body, [0.0, -MEAN_MOTION, 0.0], attitude)
+    observe = ml.observe.EulerAngles("ZYX", frame=ORBIT.lvlh)
+    path = ml.integrate("JACOBI[SRKN6b]", body, torque, start, dt=20.0, steps=500, observe=observe)
+    yaw, pitch, roll = np.asarray(path.states).T
+    rate = MEAN_MOTION * np.sqrt(3 * (11.0 - 4.0) / 12.0)
+    np.testing.assert_allclose(pitch, 1e-4 * np.cos(rate * np.asarray(path.times)), atol=1e-8)
+    np.testing.assert_allclose([yaw, roll], 0, atol=1e-11)
+
+
+def test_a_moving_target_must_be_a_quaternion():
+    with pytest.raises(ValueError, match="target must return a quaternion"):
+        run(torques.PDControl(lambda t: jnp.zeros(3), 1.0, 1.0), steps=10)
+    with pytest.raises(ValueError, match="limit must be finite and not negative"):
+        torques.PDControl(ORBIT.lvlh, 1.0, 1.0, limit=-1.0)

@@ -20,6 +20,7 @@ from .._math import components as cp
 _SERIES_TERMS = 12
 _SMALL_ANGLE_SQUARED = 1.0  # for sin(a)/a and similar functions of a^2
 _SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z as a function of z^2
+_LOCKED = 4  # rounding errors: below this sine or cosine of the second Euler angle, the third is 0
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
@@ -174,6 +175,65 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     sign = jnp.where(best[0] < 0, -jnp.ones_like(a), jnp.ones_like(a))
     factor = sign / (2 * jnp.sqrt(diagonal))
     return cp.pack((factor * best[0], factor * best[1], factor * best[2], factor * best[3]))
+
+
+def to_euler(quaternion: Float[Array, "*batch 4"], sequence: str) -> Float[Array, "*batch 3"]:
+    """The Euler angles a, b, c of a rotation R_i(a) R_j(b) R_k(c), radians; differentiable away from the singularity.
+
+    The rotations are about axes of the body, each after the earlier ones (SciPy: capital letters). a and c are between
+    -pi and pi; b is between -pi/2 and pi/2, or 0 and pi if the first and the last axis are equal. Where the first and
+    the last axis of rotation are parallel, c is 0.
+
+    Args:
+        quaternion: (..., 4).
+        sequence: three axes without equal neighbours, as letters or digits: "ZYX" or "321" for yaw, pitch and roll.
+
+    Raises:
+        ValueError: another sequence.
+
+    Examples:
+        >>> yaw, pitch, roll = ml.so3.to_euler(ml.so3.exp(jnp.array([0.0, 0.0, 0.3])), "ZYX")
+        >>> round(float(yaw), 6)
+        0.3
+    """
+    i, j, last = axes_of(sequence)
+    k = 3 - i - j
+    r, sign = jnp.moveaxis(to_matrix(quaternion), (-2, -1), (0, 1)), 1 if (j - i) % 3 == 1 else -1
+    y, x = (r[j, i], -sign * r[k, i]) if last == i else (-sign * r[j, k], r[k, k])
+    locked = jnp.hypot(y, x) < _LOCKED * cp.epsilon(x)
+    a = jnp.arctan2(jnp.where(locked, sign * r[k, j], y), jnp.where(locked, r[j, j], x))
+    # The others come from the rotation that remains after the first, so the three together reproduce the rotation.
+    cosine, sine = jnp.cos(a), sign * jnp.sin(a)
+    rest = {m: (cosine * r[j, m] + sine * r[k, m], cosine * r[k, m] - sine * r[j, m]) for m in (i, j, k)}
+    if last == i:
+        b, c = jnp.arctan2(-sign * rest[i][1], r[i, i]), jnp.arctan2(-sign * rest[k][0], rest[j][0])
+    else:
+        b, c = jnp.arctan2(sign * r[i, k], rest[k][1]), jnp.arctan2(sign * rest[i][0], rest[j][0])
+    return cp.pack((a, b, jnp.where(locked, jnp.zeros_like(c), c)))
+
+
+def from_euler(angles: Float[Array, "*batch 3"], sequence: str) -> Float[Array, "*batch 4"]:
+    """The unit quaternion of three Euler angles (..., 3), radians: the inverse of `to_euler`.
+
+    Examples:
+        >>> ml.so3.from_euler(jnp.array([np.pi / 2, 0.0, 0.0]), "ZXZ").round(4)
+        Array([0.7071, 0.    , 0.    , 0.7071], dtype=float64)
+    """
+    a, b, c = cp.vector(jnp.asarray(angles))
+    turns = [
+        exp(cp.pack(tuple(x if m == axis else 0 * x for m in range(3))))
+        for x, axis in zip((a, b, c), axes_of(sequence), strict=True)
+    ]
+    return multiply(multiply(turns[0], turns[1]), turns[2])
+
+
+def axes_of(sequence: object) -> tuple[int, int, int]:
+    """The three axes, 0 to 2, of a sequence of letters or digits."""
+    letters = str(sequence).upper().translate(str.maketrans("123", "XYZ"))
+    if len(letters) != 3 or not set(letters) <= set("XYZ") or not letters[0] != letters[1] != letters[2]:
+        raise ValueError(f"sequence must be three axes without equal neighbours, such as ZXZ or 321, got {sequence!r}.")
+    i, j, k = ("XYZ".index(letter) for letter in letters)
+    return i, j, k
 
 
 def slerp(

@@ -31,6 +31,7 @@ from .of_arrays import spectrum as spectrum
 from .quantities import AngularVelocity as AngularVelocity
 from .quantities import Axis as Axis
 from .quantities import Energy as Energy
+from .quantities import EulerAngles as EulerAngles
 from .quantities import Position as Position
 from .quantities import SpatialMomentum as SpatialMomentum
 from .quantities import Tumbling as Tumbling

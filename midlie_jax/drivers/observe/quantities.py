@@ -2,6 +2,7 @@
 
 from typing import Any, cast
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -92,6 +93,39 @@ class AngularVelocity(Observable):
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.angular_velocity(body, state)
+
+
+class EulerAngles(Observable):
+    """The Euler angles of the body, (3,), radians, in the order of the sequence; see `midlie_jax.so3.to_euler`.
+
+    Attributes:
+        sequence: three axes; by default "ZYX", for yaw, pitch and roll.
+        frame: a function of time that returns the quaternion of a frame, (4,), to which the angles refer, such as
+            `orbit.lvlh`; None for the space frame.
+
+    Raises:
+        ValueError: another sequence. In a run: the state has no attitude.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)
+        >>> level = ml.RigidState([0.0, 0.0, 0.0], orbit.lvlh(0.0))
+        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
+        >>> jnp.abs(ml.observe.EulerAngles(frame=orbit.lvlh).of(jnp.array(0.0), level, body, None)).round(6)
+        Array([0., 0., 0.], dtype=float64)
+    """
+
+    sequence: str = eqx.field(static=True, default="ZYX")
+    frame: Any = None
+
+    def __check_init__(self) -> None:
+        so3.axes_of(self.sequence)
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        attitude = attitude_of(state)
+        if self.frame is not None:
+            frame = jnp.asarray(self.frame(t), attitude.dtype)
+            attitude = so3.multiply(so3.conjugate(frame), attitude)
+        return so3.to_euler(attitude, self.sequence)
 
 
 class Tumbling(Observable):

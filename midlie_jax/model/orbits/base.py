@@ -10,6 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..._math import components as cp
+from .. import so3
 
 # Kilometres in place of metres, in the orbit or in mu, change v^2 r / mu by 1e9.
 _LEAST_RATIO, _LARGEST_RATIO = 1e-5, 1e7
@@ -47,6 +48,27 @@ class Orbit(eqx.Module):
         """
         t = jnp.asarray(t, jnp.result_type(float, t))
         return jax.jvp(self, (t,), (jnp.ones_like(t),))[1]
+
+    def lvlh(self, t: Any) -> Float[Array, "*batch 4"]:
+        """The local frame at time t, as the quaternion from its components to space, (..., 4): z points down.
+
+        z points to the origin of the orbit (nadir), y against the orbital angular momentum, and x completes the frame;
+        on a circle x is the direction of flight. This frame is called LVLH in CCSDS messages. As a target of
+        `midlie_jax.torques.PDControl` it gives nadir pointing.
+
+        Examples:
+            >>> orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)
+            >>> ml.so3.rotate(orbit.lvlh(0.0), jnp.array([1.0, 0.0, 0.0])).round(6)  # the direction of flight
+            Array([0., 1., 0.], dtype=float64)
+        """
+        position, velocity = self(t), self.velocity_at(t)
+        normal = jnp.cross(position, velocity)
+        down, left = -position / _length(position), -normal / _length(normal)
+        return so3.from_matrix(jnp.stack([jnp.cross(left, down), left, down], axis=-1))
+
+
+def _length(vector: Array) -> Array:
+    return jnp.sqrt(jnp.sum(vector**2, axis=-1, keepdims=True))
 
 
 def check_units(orbit: Any, mu: Any) -> None:

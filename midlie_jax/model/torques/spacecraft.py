@@ -92,17 +92,20 @@ class Damping(ReadsVelocity):
 
 
 class PDControl(ReadsVelocity):
-    """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * Omega.
+    """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * dOmega.
 
     (w, v) is the quaternion of the rotation from the target to the attitude. For small errors 2 v is the rotation
-    vector of the error in the body frame; `sgn(w)` selects the shorter rotation to the target. The target is stable for
-    all positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where
+    vector of the error in the body frame; `sgn(w)` selects the shorter rotation to the target. dOmega is the angular
+    velocity relative to the target, whose own velocity is its exact derivative. A fixed target is stable for all
+    positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where
     the error is pi.
 
     Attributes:
-        target: unit quaternion (w, x, y, z) that takes body components to space components, (4,).
+        target: unit quaternion (w, x, y, z) that takes body components to space components, (4,); or a function of
+            time t -> (4,), such as `orbit.lvlh`.
         proportional: torque per radian, () or one for each body axis (3,), not negative.
         derivative: torque per angular velocity, () or one for each body axis (3,), not negative.
+        limit: the largest torque about each body axis, () or (3,), not negative; None for no limit.
 
     Raises:
         ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
@@ -116,23 +119,43 @@ class PDControl(ReadsVelocity):
         -0.699334
     """
 
-    target: Float[Array, "*batch 4"]
+    target: Any
     proportional: Float[Array, "*batch"]
     derivative: Float[Array, "*batch"]
+    limit: Float[Array, "*batch"] | None
 
-    def __init__(self, target: Any, proportional: Any, derivative: Any):
-        self.target = as_floats("target", target, (4,))
-        require("target", self.target, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
+    def __init__(self, target: Any, proportional: Any, derivative: Any, limit: Any = None):
+        if callable(target):
+            require_function("target", target, "t")
+            self.target = target
+        else:
+            self.target = as_floats("target", target, (4,))
+            require("target", self.target, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
         self.proportional = _gain("proportional", proportional)
         self.derivative = _gain("derivative", derivative)
+        self.limit = None if limit is None else _gain("limit", limit)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         if state.several:
             raise acts_on_one(self)
-        error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
+        attitude, velocity = attitude_of(state), body.velocity(state.momentum)
+        target, change = self._aim(t, attitude)
+        error = so3.multiply(so3.conjugate(target), attitude)
+        if change is not None:
+            of_target = 2 * so3.multiply(so3.conjugate(target), change)[..., 1:]
+            velocity = velocity - so3.rotate(so3.conjugate(error), of_target)
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
-        return -self.proportional * (factor * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
+        torque = -self.proportional * (factor * error[..., 1:]) - self.derivative * velocity
+        return torque if self.limit is None else jnp.clip(torque, -self.limit, self.limit)
+
+    def _aim(self, t: Time, attitude: Array) -> tuple[Array, Array | None]:
+        if not callable(self.target):
+            return self.target, None
+        t = jnp.asarray(t, attitude.dtype)
+        target, change = jax.jvp(self.target, (t,), (jnp.ones_like(t),))
+        if jnp.shape(target) != (4,):
+            raise ValueError(f"target must return a quaternion (4,) at each time, got shape {jnp.shape(target)}.")
+        return target.astype(attitude.dtype), change.astype(attitude.dtype)
 
 
 class Rotors(ReadsVelocity):
