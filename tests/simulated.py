@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import midlie_jax as ml
-from midlie_jax.simulation import pace
+from midlie_jax.simulation import pipeline
 
 BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
 # Groups of 16, 16, 16 and 2 bodies; spans of 8, 8, 8 and 1 saved states.
@@ -51,7 +51,7 @@ def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, star
 
 def main():
     if options.late:
-        pace.LEG = pace.KEPT = 0.0
+        pipeline.LEG = pipeline.KEPT = 0.0
     if options.processes > 1:
         jax.distributed.initialize(f"localhost:{options.port}", options.processes, options.process)
     mesh = jax.make_mesh((len(jax.devices()),), ("bodies",)) if len(jax.devices()) > 1 else None

@@ -17,7 +17,7 @@ from test_cli import midlie
 
 import midlie_jax as ml
 from midlie_jax.cli import chosen, convergence, scenes, stability
-from midlie_jax.simulation.inspect import inspect
+from midlie_jax.simulation.summary import inspect
 
 # Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
 MODULE = """

@@ -21,10 +21,10 @@ from test_simulate import CrashError, assert_same, cache, contents, finished, op
 
 import midlie_jax as ml
 from midlie_jax.drivers import legs
-from midlie_jax.simulation import pace
-from midlie_jax.simulation.kept import Kept
-from midlie_jax.simulation.pace import Pace
+from midlie_jax.simulation import pipeline
 from midlie_jax.simulation.parts import Computation
+from midlie_jax.simulation.pipeline import Pace
+from midlie_jax.simulation.store import Store
 
 __all__ = ["cache", "optimised"]  # fixtures
 xarray = pytest.importorskip("xarray")
@@ -81,7 +81,17 @@ def same(path, expected):
     assert found.keys() == expected.keys()
     for name, values in found.items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
-    assert not list((path / "checkpoint").glob("begun*"))
+
+
+def in_a_part(path):
+    """Whether a group has stopped in the middle of a part."""
+    return any(np.load(file)["steps"] > 0 for file in path.glob("checkpoint/*.npz"))
+
+
+def late(monkeypatch):
+    """A checkpoint is written after each turn of the loop."""
+    monkeypatch.setattr(pipeline, "LEG", 0.0)
+    monkeypatch.setattr(pipeline, "KEPT", 0.0)
 
 
 class Clock:
@@ -136,8 +146,7 @@ def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, re
         found = ml.simulation.inspect(path)
         assert found.damaged == ()
         assert found.done > done or found.done == found.total
-        done, within = found.done, within + any(path.glob("checkpoint/begun*"))
-    assert result.repaired == ()
+        done, within = found.done, within + in_a_part(path)
     assert within > 0
     same(path, expected)
 
@@ -159,7 +168,6 @@ def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
     told = []
     result = run(resume=True, progress=told.append)
     assert result.computed == sum(told) == ALL - done
-    assert result.repaired == ()
 
 
 @pytest.mark.sample(0)
@@ -180,21 +188,21 @@ def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price
         ended.append(clock.now)
         keep(self)
 
-    def wrote(self, part, begun, write=Kept.write):
-        files.append(part)
-        write(self, part, begun)
+    def wrote(self, group, arrays, keep=Store.keep):
+        files.append(int(arrays["steps"]))
+        keep(self, group, arrays)
 
     monkeypatch.setattr(Computation, "compute", computed)
     monkeypatch.setattr(Pace, "kept", kept)
-    monkeypatch.setattr(Kept, "write", wrote)
+    monkeypatch.setattr(Store, "keep", wrote)
     result = simulated(tmp_path / "run.zarr", **cut)
     assert clock.now == pytest.approx(price * result.computed / cut["group"])
     assert max(lost) <= 30 + 2 * price  # an iteration has two steps
     part = 60 * price if cut.get("span") else STEPS * price
-    assert bool(files) == (part > pace.KEPT + pace.LEG)  # a fast run writes its parts alone
+    assert any(files) == (part > pipeline.KEPT + pipeline.LEG)  # a fast run writes its parts alone
 
 
-KEPT = "checkpoint/begun-1.npz"
+CHECKPOINT = "checkpoint/1.npz"
 
 
 def torn(file, **arrays):
@@ -209,64 +217,51 @@ def not_replaced(self, target, replace=Path.replace):
     return replace(self, target)
 
 
-def not_removed(self, group, remove=Kept.remove):
-    if group == 1:
-        raise CrashError
-    remove(self, group)
-
-
-CRASHES = {
-    "in the file": (np, "savez", torn),
-    "before it is there": (Path, "replace", not_replaced),
-    "when the part is written": (Kept, "remove", not_removed),
-}
+CRASHES = {"in the file": (np, "savez", torn), "before it is there": (Path, "replace", not_replaced)}
 
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("crash", CRASHES)
-def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monkeypatch, references, crash):
+def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch, references, crash):
     path, run = tmp_path / "run.zarr", RUNS["tops"]
-    monkeypatch.setattr(pace, "LEG", 0.0)
-    monkeypatch.setattr(pace, "KEPT", 0.0)
+    late(monkeypatch)
     with pytest.raises(CrashError):
         run(path, progress=stop_after(50))  # group 0 has 35 iterations in its first part
-    assert (path / KEPT).exists()
     before = ml.simulation.inspect(path)
     with monkeypatch.context() as patch:
         patch.setattr(*CRASHES[crash])
         with pytest.raises(CrashError):
             run(path, resume=True)
     after = ml.simulation.inspect(path)
-    assert after.damaged == ()
-    assert after.done == (2 * 16 * 70 if crash == "when the part is written" else before.done)
-    assert (path / KEPT).exists()
-    assert run(path, resume=True).repaired == ()
+    assert (after.damaged, after.done) == ((), before.done)
+    run(path, resume=True)
     same(path, references("tops"))
     left = {file.name for file in (path / "checkpoint").iterdir()}
-    assert left == {"carried_float64", "carried_int8", "commit", "first_bad", "zarr.json"}
+    assert left == {"zarr.json", *(f"{group}.npz" for group in range(4))}
 
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("place", ["start", "middle", "end", "half", "nothing"])
-def test_damage_to_what_is_kept_is_named_and_computed_again(tmp_path, monkeypatch, references, place):
+def test_a_damaged_checkpoint_is_named_and_may_be_deleted(tmp_path, monkeypatch, references, place):
     path, run = tmp_path / "run.zarr", RUNS["tops"]
     with monkeypatch.context() as patch:
-        patch.setattr(pace, "LEG", 0.0)
-        patch.setattr(pace, "KEPT", 0.0)
+        late(patch)
         with pytest.raises(CrashError):
             run(path, progress=stop_after(60))
-    data = bytearray((path / KEPT).read_bytes())
+    file = path / CHECKPOINT
+    data = bytearray(file.read_bytes())
     if place in ("half", "nothing"):
         data = data[: len(data) // 2 if place == "half" else 0]
     else:
         data[{"start": 2, "middle": len(data) // 2, "end": len(data) - 6}[place]] ^= 1
-    (path / KEPT).write_bytes(data)
+    file.write_bytes(data)
     found = ml.simulation.inspect(path)
-    assert found.damaged == ("the steps of span 0, group 1",)
+    assert found.damaged == ("the checkpoint of group 1",)
     assert found.done == 16 * 70
-    result = run(path, resume=True)
-    assert result.repaired == ("the steps of span 0, group 1",)
-    assert result.computed == ALL - found.done
+    with pytest.raises(ValueError, match=r"1\.npz is damaged .*delete checkpoint/1\.npz and resume the run"):
+        run(path, resume=True)
+    file.unlink()
+    assert run(path, resume=True).computed == ALL - found.done
     same(path, references("tops"))
 
 
@@ -316,7 +311,7 @@ def test_long_turns_make_the_same_steps(tmp_path, monkeypatch, references):
     """Those of an accelerator, of which the last one before a saved state is shorter."""
     with monkeypatch.context() as patch:
         patch.setattr(legs, "on_cpu", lambda: False)
-        patch.setattr(pace, "LEG", 0.0)
+        patch.setattr(pipeline, "LEG", 0.0)
         assert legs.iteration(ml.method("SYMMETRIC[EA]"), 80) == 64
         run = partial(simulated, save_every=80, span=3)
         run(tmp_path / "long.zarr")

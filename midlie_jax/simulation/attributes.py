@@ -1,30 +1,84 @@
-"""The user attributes of a file; they are checked before the run, because a later error would lose the run."""
+"""The attributes of a file: the description of the run, and the user's own."""
 
+import json
 from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from .._checks.arguments import shown
 from ..drivers.ensemble import Batch
-from ..drivers.observe import Observe, Statistic
-from .describe import attributes_of
-from .description import ATTRIBUTE
-from .names import named, parameter
 from .plan import Plan
-from .summary import names_of_merged
-from .variables import seen_variables
+from .variables import MOST_IN_ATTRIBUTES, parameter, parameters
 
+ATTRIBUTE = "midlie_jax"  # the attribute of a store with the data for resuming
+_DICTS = "parameters", "versions", ATTRIBUTE
 _MAY_CHANGE = "title"
-_READ = "time", "times", "first_bad", "ok", "dt", "t0", "moments", "momenta", "attitudes", ATTRIBUTE  # by `saved_path`
+_READ = {
+    "time",
+    "times",
+    "first_bad",
+    "ok",
+    "dt",
+    "t0",
+    "moments",
+    "momenta",
+    "attitudes",
+    ATTRIBUTE,
+}  # by `saved_path`
+
+
+def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
+    """The description of the run, and the parameters that are equal for all bodies."""
+    _, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    shared = parameters(batch.shared).items()
+    return {
+        "title": f"{plan.bodies} bodies moved by {batch.method.name}",
+        "method": batch.method.name,
+        "order": batch.method.order,
+        "torque": "none" if torque is None else getattr(torque, "__name__", type(torque).__name__),
+        "state": type(start).__name__,
+        "dtype": str(start.momentum.dtype),
+        **({"dt": float(dt)} if not dt.ndim else {}),
+        **({"t0": float(t0)} if not t0.ndim else {}),
+        "steps": (plan.saves - 1) * plan.save_every,
+        "first_step": plan.begin,
+        "save_every": plan.save_every,
+        "parameters": {name: values.tolist() for name, values in shared if values.size <= MOST_IN_ATTRIBUTES},
+        "source": "midlie_jax",
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """The versions of midlie_jax, jax and jaxlib, by the names of these packages."""
+    found: dict[str, str] = {}
+    for name in ("midlie_jax", "jax", "jaxlib"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def folded(attributes: dict[str, Any]) -> dict[str, Any]:
+    """The attributes with dicts as JSON strings, because NetCDF has no dict attributes."""
+    return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in attributes.items()}
+
+
+def unfolded(attributes: dict[str, Any]) -> dict[str, Any]:
+    """The inverse of `folded`."""
+    return {name: json.loads(value) if name in _DICTS else value for name, value in attributes.items()}
 
 
 def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
-    """The attributes as strings, Python numbers, and lists of these.
+    """The user's attributes as strings, Python numbers, and lists of these; a later error would lose the run.
 
     Args:
         attributes: the argument of `simulate`, or None.
-        taken: names of the attributes in the file.
+        taken: the names of attributes and variables in the file.
 
     Raises:
         ValueError: a name is no string or is taken; a value is no string, number or list.
@@ -33,7 +87,7 @@ def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
         return {}
     if not isinstance(attributes, dict):
         raise ValueError(f"attributes must be a dict of names with texts, numbers or lists, got {shown(attributes)}.")
-    taken = set(taken)
+    taken = {*taken, *_READ} - {_MAY_CHANGE}
     for name in attributes:
         if not isinstance(name, str) or not name or name.endswith(".npy"):
             raise ValueError(f"attributes has the name {name!r}; a name must be a text, not empty, without .npy.")
@@ -43,7 +97,6 @@ def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
 
 
 def _checked_value(name: str, value: Any) -> Any:
-    """A string, a Python number, or a list of these, of the same value."""
     array, problem = np.empty(0, object), ""
     try:
         array = np.asarray(value)
@@ -64,11 +117,3 @@ def _mixed(value: Any, kind: str) -> bool:
     if kind != "U" or isinstance(value, str | np.ndarray | np.generic):
         return False
     return any(_mixed(row, kind) if isinstance(row, list | tuple) else not isinstance(row, str) for row in value)
-
-
-def taken_names(batch: Batch, observe: Observe | None, seen: Any, plan: Plan) -> set[str]:
-    """The names in a file without user attributes, of which users may replace only the title."""
-    taken = {*attributes_of(batch, plan), *named(batch.mapped[2]), *seen_variables(seen, observe, plan)}
-    if isinstance(observe, Statistic):
-        taken.update(names_of_merged(observe, seen, plan, batch.mapped[2].momentum.dtype))
-    return {*taken, *_READ} - {_MAY_CHANGE}

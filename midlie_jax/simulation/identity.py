@@ -1,25 +1,42 @@
-"""The text that identifies a run: a run is resumed only if everything that determines its numbers is unchanged."""
+"""The text that identifies a run: a run is resumed only if everything that determines its numbers is unchanged.
+
+The lowered program belongs to it. A traced function (a jaxpr) does not show the whole program, because constants of
+inner loops, conditions and derivative rules are hidden. The lowered program contains them all, at any depth, and the
+settings of JAX under which it was made.
+"""
 
 import hashlib
 import os
+import re
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
-import numpy as np
+import jax.numpy as jnp
 
 from .._xla.platform import on_cpu
+from ..drivers.adjoints import as_adjoint
 from ..drivers.ensemble import Batch
-from ..drivers.observe import Observe
-from .names import named, numbers
+from ..drivers.integrate import run_of_body
+from ..drivers.observe import Observe, Statistic
+from ..drivers.observe.series import Series
+from .attributes import versions
 from .plan import Plan
-from .program import program, unseen
-from .versions import versions
+from .variables import named, numbers
 
+UNSEEN = "code that is not in the program"
 _NUMBERS_SHOWN = 4
 # Flags of XLA that do not change a number: the number of devices, and the vector width.
 _HARMLESS = ("--xla_force_host_platform_device_count", "--xla_cpu_prefer_vector_width", "--xla_dump")
-UNSEEN = "code that is not in the program"
+# The names of calls whose code is outside the program, but part of JAX or of the GPU's libraries. Any other name
+# belongs to code of the user, as with `jax.pure_callback` or `jax.ffi.ffi_call`, which is not visible here.
+_KNOWN = re.compile(
+    r"lapack_|cusolver|cublas|cudnn|cufft|cuda_|cu_|hip|roc|ducc_fft|Sharding$|SPMD|sdy|xla\.|mhlo\.|chlo\.|stablehlo\."
+    r"|TopK$|ApproxTopK$|PartialReduce$|__gpu\$xla"
+)
+# A call without results, such as `jax.debug.print`, cannot determine a number.
+_CALL = re.compile(r"custom_call @\"?(?P<name>[^\s\"(]+).*->\s*(?P<results>.+)$", re.MULTILINE)
 
 
 def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = None) -> dict[str, str]:
@@ -27,10 +44,11 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = Non
 
     The entry `UNSEEN`, if present, names what cannot be compared. `given` is the progress from a `Carry`.
     """
-    arguments = eqx.combine(batch.mapped, batch.shared)
-    body, torque, start, dt, t0 = arguments
-    lowered = program(batch, observe)
-    hidden = unseen(lowered)
+    body, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    program = _program(batch, observe)
+    hidden = _unseen(program)
+    flags = sorted(os.environ.get("XLA_FLAGS", "").split())
+    observed = jax.tree.leaves(eqx.filter(observe, eqx.is_array))
     return {
         "method": batch.method.name,
         "dtype": str(start.momentum.dtype),
@@ -46,17 +64,13 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = Non
         **_contents("torque.", torque),
         **_contents("start.", start),
         **_contents("carry.", given),
-        "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*_arrays(observe))}",
-        "program (the code of method, torque and observe, and the numbers in it)": _hash(text=lowered),
+        "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*observed)}",
+        "program (the code of method, torque and observe, and the numbers in it)": _hash(text=program),
         **({UNSEEN: ", ".join(hidden)} if hidden else {}),
         **versions(),
         "platform": "cpu" if on_cpu() else f"{jax.default_backend()}, {jax.devices()[0].device_kind}",
-        "XLA_FLAGS": " ".join(flag for flag in _flags() if not flag.startswith(_HARMLESS)),
+        "XLA_FLAGS": " ".join(flag for flag in flags if not flag.startswith(_HARMLESS)),
     }
-
-
-def _flags() -> list[str]:
-    return sorted(os.environ.get("XLA_FLAGS", "").split())
 
 
 def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
@@ -69,14 +83,11 @@ def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
 
 
 def _contents(prefix: str, tree: Any) -> dict[str, str]:
-    arrays = eqx.filter(tree, eqx.is_array)
-    return {f"{prefix}{name}": _shown(numbers(leaf)) for name, leaf in named(arrays, ".").items()}
-
-
-def _shown(array: np.ndarray) -> str:
-    if array.size <= _NUMBERS_SHOWN:
-        return str(array.tolist())
-    return f"{array.dtype}{list(array.shape)} {_hash(array)}"
+    arrays = {f"{prefix}{name}": numbers(x) for name, x in named(eqx.filter(tree, eqx.is_array), ".").items()}
+    return {
+        name: str(x.tolist()) if x.size <= _NUMBERS_SHOWN else f"{x.dtype}{list(x.shape)} {_hash(x)}"
+        for name, x in arrays.items()
+    }
 
 
 def _hash(*arrays: Any, text: str = "") -> str:
@@ -86,5 +97,33 @@ def _hash(*arrays: Any, text: str = "") -> str:
     return hashed.hexdigest()[:16]
 
 
-def _arrays(tree: Any) -> list[Any]:
-    return jax.tree.leaves(eqx.filter(tree, eqx.is_array))
+def _program(batch: Batch, observe: Observe | None) -> str:
+    """The program of one body over two steps, and of the statistic of its observed values, as text."""
+    mapped, shared = jax.tree.map(lambda x: x[0], batch.mapped), batch.shared
+    arrays, functions = eqx.partition(eqx.combine(mapped, shared), eqx.is_array)
+
+    def run(arrays: Any) -> Any:
+        body, torque, start, dt, t0 = eqx.combine(arrays, functions)
+        run_one: Callable[..., Any] = run_of_body
+        first = jnp.int32(0)
+        path = run_one(batch.method, as_adjoint(None), body, torque, start, dt, t0, first, 2, 1, None, None, observe)
+        return path, _combined(observe, path.states) if isinstance(observe, Statistic) else None
+
+    return jax.jit(run).lower(arrays).as_text()
+
+
+def _combined(observe: Statistic, values: Any) -> Any:
+    """The finished statistic of the values of some bodies, with one call of each of its functions."""
+    if isinstance(observe, Series):
+        values = jax.tree.map(lambda x: x[None], values)
+        good = jnp.ones((1, jax.tree.leaves(values)[0].shape[1]), bool)
+        return observe.finished(observe.of_bodies(values, good, jnp.ones(())))
+    good = jnp.ones(len(jax.tree.leaves(values)[0]), bool)
+    part = jax.tree.map(lambda x: x[None, None], observe.part(values, good))
+    return observe.finished(observe.merged(part))
+
+
+def _unseen(program: str) -> list[str]:
+    """The names of the calls in a program whose code is outside it, so that changes cannot be detected."""
+    found = [call["name"] for call in _CALL.finditer(program) if call["results"].strip() not in ("()", "tuple<>")]
+    return sorted({name for name in found if not _KNOWN.match(name)} | set(re.findall("dense_resource", program)))

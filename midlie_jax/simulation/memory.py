@@ -2,63 +2,62 @@
 
 import os
 import zipfile
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
-from .names import parameter
-from .plan import Part, Plan
-from .sink import Arrays, Begun, Sink
-from .variables import GROUP, SPAN, Variable
+from .plan import GROUP, Arrays, Part, Plan
+from .variables import Variables, parameter
 
 
-class Memory(Sink):
-    """Collects the parts of a run in memory.
+class Memory:
+    """Collects the parts of a run in memory, with the methods of `Store`."""
 
-    Attributes:
-        plan: how the run is cut into parts.
-    """
-
-    def __init__(self, plan: Plan, seen: dict[str, Variable]):
-        self.plan = plan
+    def __init__(self, path: Path, plan: Plan, seen: Variables, attributes: dict[str, Any]):
+        self.path, self.plan = path, plan
+        self._seen, self._attributes = seen, attributes
         self._arrays = {name: np.empty(variable.shape, variable.dtype) for name, variable in seen.items()}
-        self._of_groups = {name for name, variable in seen.items() if variable.dims[0] == GROUP}
-        self._of_spans = {name for name, variable in seen.items() if variable.dims[1] == SPAN}
-        self._first_bad = np.full(plan.bodies, plan.saves, np.int32)
+        self._whole: Arrays = {}
+        self.first_bad = np.full(plan.bodies, plan.saves, np.int32)
 
-    def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
-        for name, values in seen.items():
-            self._arrays[name][self.plan.place(part, name in self._of_groups, name in self._of_spans)] = values
-        self._first_bad[self.plan.bodies_of(part.group)] = first_bad
-
-    def keep(self, part: Part, begun: Begun) -> None:
-        """Does nothing, because a stopped run in memory is lost."""
-
-    def first_bad(self) -> np.ndarray:
-        return self._first_bad
-
-    def read(self, name: str) -> np.ndarray:
-        return self._arrays[name]
-
-    def save(self, path: Path, whole: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-        """Writes the file atomically."""
-        unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
-        arrays = {name: values for name, values in self._arrays.items() if name not in self._of_groups}
-        described = {name: np.asarray(value) for name, value in attributes.items() if not isinstance(value, dict)}
-        shared = {parameter(name): np.asarray(value) for name, value in attributes.get("parameters", {}).items()}
-        contents: dict[str, Any] = {**described, **shared, **arrays, **whole, "first_bad": self._first_bad}
+    @contextmanager
+    def writing(self) -> Generator[None]:
+        """Writes the file atomically when the context is left without an error."""
+        yield
+        said, seen = self._attributes, self._seen
+        contents: dict[str, Any] = {name: value for name, value in said.items() if not isinstance(value, dict)}
+        contents |= {parameter(name): value for name, value in said["parameters"].items()}
+        contents |= {name: values for name, values in self._arrays.items() if seen[name].dims[0] != GROUP}
+        unfinished = self.path.with_name(f"{self.path.name}.new-{os.getpid()}")
         try:
-            with open(unfinished, "wb") as file:  # for a file name, NumPy may append ".npz"
-                _save(file, contents)
-            os.replace(unfinished, path)
+            # Not by `numpy.savez`, whose own arguments have names, too. It never writes a pickle.
+            with zipfile.ZipFile(unfinished, "w") as archive:
+                for name, values in {**contents, **self._whole, "first_bad": self.first_bad}.items():
+                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                        np.lib.format.write_array(entry, np.asanyarray(values), allow_pickle=False)
+            os.replace(unfinished, self.path)
         finally:
             unfinished.unlink(missing_ok=True)
 
+    def write(self, part: Part, seen: Arrays, first_bad: np.ndarray) -> None:
+        for name, values in seen.items():
+            self._arrays[name][self.plan.place(part, self._seen[name].dims)] = values
+        self.first_bad[self.plan.bodies_of(part.group)] = first_bad
 
-def _save(file: IO[bytes], arrays: dict[str, Any]) -> None:
-    """`numpy.savez` for arrays of any names, including the names of its own arguments; it never writes a pickle."""
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, values in arrays.items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                np.lib.format.write_array(entry, np.asanyarray(values), allow_pickle=False)
+    def write_whole(self, values: Arrays) -> None:
+        self._whole |= values
+
+    def keep(self, group: int, arrays: Arrays) -> None:
+        """Does nothing, because a stopped run in memory is lost."""
+
+    def checkpoint(self, group: int) -> None:
+        """Nothing is kept."""
+
+    def damaged(self, group: int, spans: int) -> list[str]:
+        return []
+
+    def read(self, name: str) -> np.ndarray:
+        return self._arrays[name]

@@ -21,10 +21,10 @@ from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, check_carried
 from ..methods.base import Method
-from .names import named
-from .plan import Part, Plan
-from .sink import Arrays, Begun
-from .variables import SERIES, packed, unpacked, value_leaves
+from .plan import Arrays, Part, Plan
+from .variables import named, value_leaves
+
+_SEEN = "seen_"
 
 
 class Progress(NamedTuple):
@@ -39,6 +39,7 @@ class Progress(NamedTuple):
         seen: the values that the part will write, in pieces ordered by time.
         series: the carry of a statistic over times for the bodies of the group; until the part is complete, the carry
             of the earlier parts.
+        span: the span of the part.
     """
 
     begun: Any
@@ -47,6 +48,7 @@ class Progress(NamedTuple):
     steps: int = 0
     seen: tuple[Arrays, ...] = ()
     series: Any = None
+    span: int = 0
 
     def all_seen(self) -> Arrays:
         """The values that the part will write, in one piece."""
@@ -57,11 +59,14 @@ class Progress(NamedTuple):
 
     def after(self) -> "Progress":
         """The group at the beginning of the next part."""
-        return Progress(self.carried, self.carried, self.first_bad, series=self.series)
+        return Progress(self.carried, self.carried, self.first_bad, series=self.series, span=self.span + 1)
 
-    def state(self) -> Arrays:
-        """The state stored at the end of the part, from which the next part continues."""
-        return packed(self.carried) | ({} if self.series is None else named({SERIES: self.series}))
+    def stored(self, bodies: int) -> Arrays:
+        """The arrays of a checkpoint of the group, from which `Computation.restored` continues."""
+        found = {"span": np.array(self.span), "steps": np.array(self.steps), "first_bad": self.first_bad[:bodies]}
+        trees = {"begun": self.begun, "carried": self.carried if self.steps else None, "series": self.series}
+        found |= {name: leaf[:bodies] for name, leaf in named(trees).items()}
+        return found | {f"{_SEEN}{name}": values for name, values in self.all_seen().items() if self.steps}
 
 
 class Computation(NamedTuple):
@@ -94,21 +99,17 @@ class Computation(NamedTuple):
         carried = jax.tree.map(np.asarray, found.progress)
         return Progress(carried, carried, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
 
-    def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
-        """A group at the end of a span, from its stored state."""
-        rows, series = self._rows_in(group), self._series(group)
-        carried = jax.tree.map(lambda x: x[rows], unpacked(self.like.progress, state))
-        if series is not None:
-            names = named({SERIES: series})
-            series = jax.tree.unflatten(jax.tree.structure(series), [state[name] for name in names])
-        return Progress(carried, carried, first_bad[rows], series=series)
-
-    def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
-        """A group in the middle of a part, from its progress before the part and the stored incomplete part."""
-        rows = self._rows_in(group)
-        carried = jax.tree.unflatten(jax.tree.structure(before.carried), [x[rows] for x in begun.carried])
-        pieces = (begun.seen,) if begun.seen else ()
-        return before._replace(carried=carried, first_bad=begun.first_bad[rows], steps=begun.steps, seen=pieces)
+    def restored(self, group: int, arrays: Arrays) -> Progress:
+        """A group from its checkpoint."""
+        steps, series = int(arrays["steps"]), self._series(group)
+        like = self.like.progress
+        trees = {"begun": like, "carried": like if steps else None, "series": series}
+        found = jax.tree.unflatten(jax.tree.structure(trees), [arrays[name] for name in named(trees)])
+        rows = self.rows(group) - self.plan.bodies_of(group).start
+        begun, carried = jax.tree.map(lambda x: x[rows], (found["begun"], found["carried"]))
+        seen = {name.removeprefix(_SEEN): values for name, values in arrays.items() if name.startswith(_SEEN)}
+        taken = steps, (seen,) if seen else (), found["series"], int(arrays["span"])
+        return Progress(begun, carried if steps else begun, arrays["first_bad"][rows], *taken)
 
     def carry(self, groups: dict[int, Progress]) -> Carry | None:
         """The carry of all bodies at the end of the run; None if other processes hold some of them."""
@@ -189,10 +190,6 @@ class Computation(NamedTuple):
         """The bodies of a group; the last group is padded with copies, so that one compiled program serves all."""
         first = group * self.plan.group
         return np.minimum(np.arange(first, first + self.plan.group), self.plan.bodies - 1)
-
-    def _rows_in(self, group: int) -> np.ndarray:
-        """The bodies of a group, counted from its first body."""
-        return self.rows(group) - self.plan.bodies_of(group).start
 
 
 @eqx.filter_jit

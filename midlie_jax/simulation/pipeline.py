@@ -1,31 +1,66 @@
-"""Computes the parts of a run in sequence, while a thread writes the earlier parts."""
+"""Computes the parts of a run in sequence, while a thread writes the earlier parts.
 
+A long part of a run is computed in legs (`drivers/legs.py`) of a few seconds each. A checkpoint of the progress is
+written after some of the legs, so that a kill loses at most half a minute of work. Only the elapsed time decides when,
+and the numbers do not depend on it.
+"""
+
+import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import Any
 
 import jax
 
-from .pace import Pace
+from .memory import Memory
 from .parts import Computation, Progress
 from .plan import Part
-from .sink import Begun, Sink
+from .store import Store
 
 _AHEAD = 2  # the most unfinished writes; with more, the computation waits for the first
+# A kill loses the work since the last complete write: 15 s plus the time of the next write. It loses at most half a
+# minute if no leg takes longer than planned, and no write takes longer than 15 s.
+LEG = 5.0  # seconds planned for a leg
+KEPT = 10.0  # seconds after which a checkpoint is written, at the end of a leg
+
+
+class Pace:
+    """The speed of the last leg of a run, and the time of its last checkpoint."""
+
+    def __init__(self) -> None:
+        self._began = self._kept = time.perf_counter()
+        self._seconds = 0.0  # per step of a group; 0 while unknown
+
+    def begin(self) -> int:
+        """Called at the beginning of a leg; returns its number of steps, at first one."""
+        self._began = time.perf_counter()
+        return max(1, int(LEG / self._seconds)) if self._seconds else 1
+
+    def end(self, steps: int) -> None:
+        """Called at the end of a leg of `steps` steps; the first one also compiles, so the second is short as well."""
+        self._seconds = (time.perf_counter() - self._began) / steps
+
+    def due(self) -> bool:
+        return time.perf_counter() - self._kept >= KEPT
+
+    def kept(self) -> None:
+        """Called when a checkpoint is being written."""
+        self._kept = time.perf_counter()
 
 
 def compute_and_write(
     computation: Computation,
     parts: Iterable[Part],
     groups: dict[int, Progress],
-    sink: Sink,
+    file: Store | Memory,
     written: Callable[[int], Any],
 ) -> None:
     """Computes and writes the parts in sequence; calls `written` in this thread with the body-steps of each write.
 
-    The progress of a long part is stored repeatedly, see `pace.py`. After an error nothing more is written. After an
-    interruption (ctrl-C) everything computed so far is written.
+    After an error nothing more is written. After an interruption (ctrl-C) everything computed so far is written.
     """
     plan, pace, stopped = computation.plan, Pace(), False
     waiting: deque[Future[int]] = deque()
@@ -35,18 +70,16 @@ def compute_and_write(
         nonlocal stopped
         if stopped:
             return 0
+        bodies, steps = plan.bodies_in(part.group), progress.steps
         try:
-            real, seen = slice(plan.bodies_in(part.group)), progress.all_seen()
-            if progress.steps == plan.steps(part.span):
-                state = {name: x[real] for name, x in progress.state().items()}
-                sink.write(part, seen, state, progress.first_bad[real])
-            else:
-                carried = [x[real] for x in jax.tree.leaves(progress.carried)]
-                sink.keep(part, Begun(progress.steps, seen, carried, progress.first_bad[real]))
+            if steps == plan.steps(part.span):
+                file.write(part, progress.all_seen(), progress.first_bad[:bodies])
+                progress = progress.after()
+            file.keep(part.group, progress.stored(bodies))
         except Exception:  # `result()` raises it in the main thread; until then nothing more may be written
             stopped = True
             raise
-        return plan.bodies_in(part.group) * (progress.steps - since)
+        return bodies * (steps - since)
 
     with ThreadPoolExecutor(1, "writer") as writer:
         span, tables = None, None
@@ -74,3 +107,25 @@ def compute_and_write(
             if new is not None:
                 writer.submit(write, *new)
             raise
+
+
+@contextmanager
+def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int) -> Generator[Callable[[int], Any]]:
+    """A function that accepts the number of written body-steps; the first process shows a bar.
+
+    Args:
+        progress: see `simulate`.
+        total, done: number of body-steps of this process, and how many of them need not be computed.
+    """
+    if callable(progress):
+        yield progress
+        return
+    if progress is False or jax.process_index() or find_spec("tqdm") is None:
+        yield lambda work: None
+        return
+    from tqdm import tqdm
+
+    shown: dict[str, Any] = {"unit": "body-steps", "unit_scale": True, "leave": False}
+    shown["disable"] = None if progress is None else False  # None: unless stderr is a terminal
+    with tqdm(total=total, initial=done, dynamic_ncols=True, **shown) as bar:
+        yield bar.update

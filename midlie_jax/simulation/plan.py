@@ -7,14 +7,19 @@ processes or run time, so that all of them compute the same bits.
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from ..drivers.chunks import even_size
+
+Arrays = dict[str, np.ndarray]
+BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
 
 _BYTES = 2**25  # about the size of one part in the file
 # The most body-steps of one part, unless two saved states need more. Most runs then write a part several times per
-# minute, so that a reader of the file sees progress. The work lost by a kill does not depend on it, see `pace.py`.
+# minute, so that a reader of the file sees progress. The work lost by a kill does not depend on it, see `pipeline.py`.
 _BODY_STEPS = 3 * 10**7
-GROUP = 2**15  # bodies of one group, by default
-_CARRIED = 2**28  # the most bytes that a group carries between spans, by default
+GROUP_SIZE = 2**15  # bodies of one group, by default
+CARRIED = 2**28  # the most bytes that a group carries between spans for a statistic over times, by default
 
 
 class Part(NamedTuple):
@@ -56,7 +61,7 @@ class Plan(NamedTuple):
     def spans(self) -> int:
         return -(-self.saves // self.span)
 
-    def parts(self, groups: range) -> Iterator[Part]:
+    def parts(self, groups: Iterable[int]) -> Iterator[Part]:
         """The parts of these groups in the order of computation: span by span, each for all groups."""
         return (Part(span, group) for span in range(self.spans) for group in groups)
 
@@ -64,8 +69,7 @@ class Plan(NamedTuple):
         return slice(group * self.group, min((group + 1) * self.group, self.bodies))
 
     def bodies_in(self, group: int) -> int:
-        bodies = self.bodies_of(group)
-        return bodies.stop - bodies.start
+        return min(self.group, self.bodies - group * self.group)
 
     def saves_of(self, span: int) -> slice:
         return slice(span * self.span, min((span + 1) * self.span, self.saves))
@@ -84,39 +88,30 @@ class Plan(NamedTuple):
         """The largest number of intervals between saved states in a span."""
         return self.span - (self.spans == 1)
 
-    def place(self, part: Part, of_groups: bool, of_spans: bool = False) -> tuple[slice, slice]:
-        """The place of a part in a variable (body, time, ...), or in a variable of a statistic.
-
-        The dimensions are (group, time, ...), or (group, span, ...) for a statistic over times.
-        """
-        rows = slice(part.group, part.group + 1) if of_groups else self.bodies_of(part.group)
-        return rows, slice(part.span, part.span + 1) if of_spans else self.saves_of(part.span)
+    def place(self, part: Part, dims: tuple[str, ...]) -> tuple[slice, slice]:
+        """The place of a part in a variable (body, time, ...), (group, time, ...) or (group, span, ...)."""
+        rows = slice(part.group, part.group + 1) if dims[0] == GROUP else self.bodies_of(part.group)
+        return rows, slice(part.span, part.span + 1) if dims[1] == SPAN else self.saves_of(part.span)
 
     def work(self, parts: Iterable[Part]) -> int:
         return sum(self.bodies_in(part.group) * self.steps(part.span) for part in parts)
+
+    def done(self, group: int, span: int, steps: int) -> int:
+        """The body-steps of a group before a span, and in the first `steps` steps of it."""
+        return self.work(Part(before, group) for before in range(span)) + self.bodies_in(group) * steps
 
     def groups_of(self, process: int, processes: int) -> range:
         """The groups that a process computes: consecutive, and distributed as evenly as possible."""
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
 
 
-def sizes(bodies: int, group: int | None, chunk: int | None, longest: int, most: int = GROUP) -> tuple[int, int]:
-    """The bodies of a group and of a chunk: as requested, or divided evenly, so that few copies are computed.
-
-    Args:
-        longest: the most bodies of a chunk if its size was not requested.
-        most: the most bodies of a group if its size was not requested.
-    """
+def sizes(bodies: int, group: int | None, chunk: int | None, longest: int, most: int = GROUP_SIZE) -> tuple[int, int]:
+    """The bodies of a group and of a chunk: as requested, or at most `most` and `longest`, and divided evenly."""
     if group is None:
         group = _evenly(bodies, most)
         chunk = chunk or _evenly(group, longest)
         return min(-(-group // chunk) * chunk, bodies), chunk
     return min(group, bodies), chunk or _evenly(min(group, bodies), longest)
-
-
-def most_carried(bytes_a_body: int) -> int:
-    """The default maximum of bodies of a group if each body has a carry between spans."""
-    return max(1, min(GROUP, _CARRIED // bytes_a_body))
 
 
 def _evenly(count: int, most: int) -> int:
@@ -125,12 +120,5 @@ def _evenly(count: int, most: int) -> int:
 
 
 def span_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
-    """The default number of saved states per span.
-
-    Args:
-        group, save_every: as in `Plan`.
-        bytes_a_save: the bytes per saved state of one body in the file.
-    """
-    by_bytes = _BYTES / max(group * bytes_a_save, 1)
-    by_work = _BODY_STEPS / (group * save_every)
-    return max(2, int(min(by_bytes, by_work)))
+    """The default number of saved states per span, from the bytes per saved state of one body in the file."""
+    return max(2, int(min(_BYTES / max(group * bytes_a_save, 1), _BODY_STEPS / (group * save_every))))

@@ -16,8 +16,8 @@ from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
-from .description import unfolded
-from .names import parameter
+from .attributes import unfolded
+from .variables import parameter
 
 _KNOWN = AxisState, FreeState, FreeAxisState, *Coupled.__subclasses__()
 _KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in _KNOWN}
@@ -35,10 +35,8 @@ class Saved(NamedTuple):
         bodies: the number of bodies in the file.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
-        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
-        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
+        >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
         >>> saved = ml.simulation.saved_path("tops.npz", body=3)
         >>> saved.bodies, saved.body.moments
         (4, Array([5., 5., 1.], dtype=float64))
@@ -58,16 +56,14 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
         body: the index of the body, from 0; for coupled bodies, the index of the copy of all of them.
 
     Raises:
-        ValueError: the file is not of such a run, or has no attitudes (or axes, or positions) or no moments of inertia
-            (or mass); there is no such body.
+        ValueError: the file is not of such a run, is damaged, or has no attitudes (or axes, or positions) or no moments
+            of inertia (or mass); there is no such body.
         ImportError: the file is a .zarr and the extra `io` is not installed.
         OSError: the file cannot be read.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
-        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
-        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
+        >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
         >>> saved = ml.simulation.saved_path("tops.npz", body=3)
         >>> saved.path.states.attitude.shape
         (11, 4)
@@ -90,12 +86,12 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     bodies = arrays[names["momentum"]].shape[0]
     if not 0 <= body < bodies:
         raise ValueError(f"body must be from 0 to {bodies - 1}, the last in {source}, got {body}.")
-    values = {name: np.asarray(arrays[names[name]][body]) for name in _fields(kind)}
+    values = {name: _read(source, arrays[names[name]], body) for name in _fields(kind)}
     times = arrays[names["times"]]
-    t = np.asarray(times[body] if len(times.shape) > 1 else times)
+    t = _read(source, times, body if len(times.shape) > 1 else ...)
     finite = np.all([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values.values()], axis=0)
     good = int(np.cumprod(finite).sum())
-    bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
+    bad = int(_read(source, arrays["first_bad"], body)) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
     # An incomplete store has no numbers where nothing is computed yet, which is not a failure.
     count = good if ok else len(t)
@@ -109,7 +105,7 @@ def states_of(file: str | File) -> AnyState:
     """The saved states of all bodies of a run of `simulate`, with leading axes (n, k), unchecked.
 
     Raises:
-        ValueError: the file is not of such a run, or holds no states.
+        ValueError: the file is not of such a run, is damaged, or holds no states.
         OSError: the file cannot be read.
     """
     source = File(file)
@@ -120,7 +116,16 @@ def states_of(file: str | File) -> AnyState:
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
             "defines a kind of state of your own must have been imported."
         )
-    return kind.unchecked(**{name: jnp.asarray(arrays[name][:]) for name in _fields(kind)})
+    return kind.unchecked(**{name: jnp.asarray(_read(source, arrays[name], ...)) for name in _fields(kind)})
+
+
+def _read(source: File, array: Any, place: Any) -> np.ndarray:
+    try:
+        return np.asarray(array[place])
+    except Exception as error:  # reading a damaged file can raise anything
+        raise ValueError(
+            f"{source} is damaged ({type(error).__name__}: {error}). Find the damaged part with midlie inspect."
+        ) from error
 
 
 def _fields(kind: type[Any]) -> list[str]:
@@ -152,11 +157,12 @@ def _of_store(source: File) -> Mapping[str, Any]:
     try:
         root: Any = zarr.open_group(str(source), mode="r")
         found: dict[str, Any] = dict(root.arrays())
-        parameters: Any = unfolded(root.attrs.asdict())["parameters"]
+        said = unfolded(root.attrs.asdict())
+        parameters: Any = said["parameters"]
     except Exception as error:  # reading a damaged file can raise anything
         raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
     found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}
-    return found | {"title": root.attrs.get("title", source.name), "state": root.attrs.get("state")}
+    return found | {"title": said.get("title", source.name), "state": said.get("state")}
 
 
 def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyState]) -> Any:
@@ -165,7 +171,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         name = parameter(name) if "." in name else name
         if name not in arrays:
             return None
-        values = np.asarray(arrays[name])
+        values = _read(source, arrays[name], ...)
         return values[body] if values.ndim > axes + kind.several else values
 
     def lacks(what: str) -> ValueError:

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax import Array
@@ -24,21 +25,17 @@ from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
-from . import processes
-from .attributes import checked_attributes, taken_names
-from .describe import attributes_of, whole_variables
+from . import plan as cuts
+from . import processes, variables
+from .attributes import attributes_of, checked_attributes
 from .identity import UNSEEN, differences, identity
 from .memory import Memory
-from .parts import Computation
-from .pipeline import compute_and_write
-from .plan import GROUP, Plan, most_carried, sizes, span_of
-from .progress import reported
-from .resume import begun, repair_whole, resumed
-from .store import Store, create
-from .summary import Simulation, merged_statistic
-from .variables import bytes_of, carried_leaves, kept_variables, seen_leaves, seen_variables, value_leaves
-
-Repaired = tuple[str, ...]
+from .parts import Computation, Progress
+from .pipeline import compute_and_write, reported
+from .plan import Plan
+from .store import Store, create, remedy
+from .summary import Simulation
+from .variables import Arrays, Variables
 
 
 @renamed(segment="span")
@@ -70,6 +67,8 @@ def simulate(
     same bits as an uninterrupted run. At most about half a minute of work is lost, unless a single step of a group
     takes longer. A body that fails does not affect the others.
 
+    Each chunk of a store ends with a checksum: reading a damaged chunk raises an error, also in Zarr and xarray.
+
     With `jax.distributed` every process calls `simulate` with the same arguments. Each process computes and writes a
     share of the groups, on its own devices; `out` must be a folder that all processes can access.
 
@@ -82,8 +81,7 @@ def simulate(
             .npz, for a small run that is held in memory, is written at its end, and cannot be resumed.
         save_every: save a state, or the observed values, every `save_every` steps, beginning with the initial state.
             `None` saves only the initial and the final state.
-        resume: continue the run in `out`, if there is one. Damaged parts of it are detected, named in the result, and
-            computed again.
+        resume: continue the run in `out`, if there is one.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
             each uses its own devices in the mesh. The numbers do not depend on the mesh.
         group: bodies that are computed at once and written to one chunk of the file; by default up to 32768, or as many
@@ -102,9 +100,10 @@ def simulate(
 
     Raises:
         ValueError: as for `ensemble`, or an argument is traced; `out` exists and `resume` is False; the run in `out` is
-            a different one, and the message names the differences; the torque or `observe` calls code outside the
-            compiled program, such as `jax.pure_callback`, in which changes cannot be detected; another process writes
-            to `out`; an attribute has an unsupported value or a name that is taken.
+            a different one, and the message names the differences; the run in `out` is damaged, and the message names
+            the file to delete; the torque or `observe` calls code outside the compiled program, such as
+            `jax.pure_callback`, in which changes cannot be detected; another process writes to `out`; an attribute has
+            an unsupported value or a name that is taken.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. Data written before are kept, and the run can be resumed.
 
@@ -132,21 +131,25 @@ def simulate(
     check_spread(batch, observe, mesh)
     if isinstance(observe, Statistic):
         observe.check(1 + steps // save_every)
-    seen = seen_leaves(batch, observe)
+    seen = variables.seen_leaves(batch, observe)
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # a resumed run is divided as before; a request for another division is rejected below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
-    plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
-    own = checked_attributes(attributes, taken_names(batch, observe, seen, plan) if attributes else ())
+    plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, cut)._replace(begin=begin)
+    of_parts = variables.seen_variables(seen, observe, plan)
+    others, values = variables.whole_variables(batch, plan)
+    others |= variables.merged_variables(batch, observe, seen, plan)
+    said = attributes_of(batch, plan)
+    said |= checked_attributes(attributes, {*said, *variables.named(batch.mapped[2]), *of_parts, *others})
     computation = Computation.of(batch, observe, plan, _local(mesh), given)
-    described_by = {**attributes_of(batch, plan), **own}
     if path.suffix == ".npz":
-        first_bad, computed, repaired, carry = _in_memory(computation, path, seen, progress, described_by)
+        file = Memory(path, plan, of_parts, said)
     else:
-        first_bad, computed, repaired, carry = _in_store(computation, path, existing, seen, progress, described_by)
-    seconds = time.perf_counter() - began
-    return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired, carry)
+        names, components = variables.coordinates(of_parts.values())
+        file, values = _store(computation, path, existing, of_parts, others | names, said), values | components
+    first_bad, computed, carry = _run(computation, file, values, seen, progress)
+    return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, time.perf_counter() - began, carry)
 
 
 def _local(mesh: Mesh | None) -> Mesh:
@@ -173,88 +176,76 @@ def _checked_path(out: Any, resume: bool) -> Path:
     return path
 
 
-def _plan(
-    batch: Batch,
-    observe: Observe | None,
-    seen: Any,
-    saves: int,
-    save_every: int,
-    group: int | None = None,
-    span: int | None = None,
-    chunk: int | None = None,
-) -> Plan:
-    bodies, most = batch.bodies, GROUP
+def _plan(batch: Batch, observe: Observe | None, seen: Any, saves: int, save_every: int, cut: dict[str, int]) -> Plan:
+    group, span, chunk = (cut.get(name) for name in ("group", "span", "chunk"))
+    bodies, most, size = batch.bodies, cuts.GROUP_SIZE, variables.bytes_of(seen)
     if isinstance(observe, Series):
-        size = bytes_of(value_leaves(batch, observe))
-        most = most_carried(bytes_of(carried_leaves(batch, observe, 1)))
-    else:
-        size = bytes_of(seen)
-    group, chunk = sizes(bodies, group, chunk, chunk_size(min(bodies, group or most)), most)
-    of_groups = isinstance(observe, Statistic) and not isinstance(observe, Series)
-    span = span or span_of(group, save_every, size / group if of_groups else size)
-    return Plan(bodies, saves, save_every, group, min(saves, span), chunk)
+        values = variables.value_leaves(batch, observe)
+        carried = variables.bytes_of(eqx.filter_eval_shape(observe.begun, 1, values))
+        size, most = variables.bytes_of(values), max(1, min(most, cuts.CARRIED // carried))
+    group, chunk = cuts.sizes(bodies, group, chunk, chunk_size(min(bodies, group or most)), most)
+    if isinstance(observe, Statistic) and not isinstance(observe, Series):
+        size /= group
+    return Plan(bodies, saves, save_every, group, min(saves, span or cuts.span_of(group, save_every, size)), chunk)
 
 
-def _in_memory(
-    computation: Computation, path: Path, seen: Any, progress: Any, attributes: dict[str, Any]
-) -> tuple[np.ndarray, int, Repaired, Carry | None]:
-    """Computes all parts and writes the file.
-
-    Returns:
-        `first_bad`, the body-steps computed, the repaired data, and the final carry.
-    """
+def _store(
+    computation: Computation, path: Path, existing: Store | None, of_parts: Variables, others: Variables, said: Any
+) -> Store:
+    """The store of this run: the existing one, which must be of the same run, or a new one."""
     batch, observe, plan, *_ = computation
-    sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
-    total, groups = plan.work(parts), begun(computation, range(plan.groups)).groups
-    with reported(progress, total, 0) as written:
-        compute_and_write(computation, parts, groups, sink, written)
-    whole = whole_variables(batch, plan)
-    if isinstance(observe, Statistic):
-        whole |= merged_statistic(observe, seen, sink, computation.interval)
-    sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes)
-    return sink.first_bad(), total, (), computation.carry(groups)
-
-
-def _in_store(
-    computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
-) -> tuple[np.ndarray, int, Repaired, Carry | None]:
-    """`_in_memory` for a store; this process computes its share of the missing parts."""
-    batch, observe, plan, *_ = computation
-    now, first = identity(batch, observe, plan, computation.given), jax.process_index() == 0
+    now = identity(batch, observe, plan, computation.given)
 
     def check_or_create() -> None:
-        if existing is not None:
-            if UNSEEN in now:
-                raise ValueError(
-                    f"{path} cannot be resumed: the torque or observe calls {now[UNSEEN]}, outside the compiled "
-                    "program, where changes of that code or its numbers cannot be detected. Write it in JAX "
-                    "instead of a callback, or compute the run anew under another name."
-                )
-            changed = differences(existing.identity, now)
-            if changed:
-                raise ValueError(
-                    f"{path} holds another run: {'; '.join(changed)}. Choose another name, or repeat the call that "
-                    "began that run. A longer run starts from the carry of this one."
-                )
-        elif first:
-            variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
-            kept = kept_variables(computation.like.progress, batch, observe)
-            create(path, plan, now, variables, kept, whole, attributes)
+        if existing is None:
+            if not jax.process_index():
+                create(path, plan, now, of_parts, others, said)
+        elif UNSEEN in now:
+            raise ValueError(
+                f"{path} cannot be resumed: the torque or observe calls {now[UNSEEN]}, outside the compiled "
+                "program, where changes of that code or its numbers cannot be detected. Write it in JAX "
+                "instead of a callback, or compute the run anew under another name."
+            )
+        elif changed := differences(existing.identity, now):
+            raise ValueError(
+                f"{path} holds another run: {'; '.join(changed)}. Choose another name, or repeat the call that "
+                "began that run. A longer run starts from the carry of this one."
+            )
 
     processes.all_succeed(check_or_create)
-    store = processes.all_succeed(lambda: existing or Store(path))
-    groups = plan.groups_of(jax.process_index(), jax.process_count())
-    with ExitStack() as locks:
-        processes.all_succeed(lambda: locks.enter_context(store.locked()) if first else None)
-        found = begun(computation, groups) if existing is None else resumed(computation, store, groups)
-        repaired = found.repaired + (repair_whole(computation, store) if first and existing is not None else ())
-        todo = [part for part in plan.parts(groups) if part.span >= found.spans[part.group]]
-        total, missing = plan.work(plan.parts(groups)), found.missing(plan)
-        with reported(progress, total, total - missing) as written:
-            processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))
+    return processes.all_succeed(lambda: existing or Store(path))
+
+
+def _run(
+    computation: Computation, file: Store | Memory, values: Arrays, seen: Any, progress: Any
+) -> tuple[np.ndarray, int, Carry | None]:
+    """Computes what is missing in the file, each process its share; `values` are those that belong to no part.
+
+    Returns:
+        `first_bad`, the body-steps computed, and the final carry.
+    """
+    plan, observe, first = computation.plan, computation.observe, not jax.process_index()
+    groups: dict[int, Progress] = {}
+
+    def begin() -> None:
+        if first:
+            file.write_whole(values)
+        for group in plan.groups_of(jax.process_index(), jax.process_count()):
+            found = file.checkpoint(group)
+            groups[group] = computation.begin(group) if found is None else computation.restored(group, found)
+            damaged = file.damaged(group, groups[group].span)
+            if damaged:
+                raise ValueError(f"{file.path} is damaged: {', '.join(damaged)}. {remedy(group)}")
+
+    with ExitStack() as context:
+        processes.all_succeed(lambda: context.enter_context(file.writing()) if first else None)
+        processes.all_succeed(begin)
+        todo = [part for part in plan.parts(groups) if part.span >= groups[part.group].span]
+        total = plan.work(plan.parts(groups))
+        done = sum(plan.done(group, found.span, found.steps) for group, found in groups.items())
+        with reported(progress, total, done) as written:
+            processes.all_succeed(lambda: compute_and_write(computation, todo, groups, file, written))
         if isinstance(observe, Statistic) and first:
-            merged = merged_statistic(observe, seen, store, computation.interval)
-            repaired += tuple(name for name in store.damaged_whole() if name in merged)
-            store.add(merged)
-        processes.wait(str(path))
-        return store.first_bad(), missing, repaired, computation.carry(found.groups)
+            file.write_whole(variables.merged(observe, seen, file.read, computation.interval))
+        processes.wait(str(file.path))
+        return file.first_bad, total - done, computation.carry(groups)

@@ -1,12 +1,13 @@
-"""A run in a Zarr store that xarray opens, and the checks before it is resumed.
+"""A run in a Zarr store that xarray opens, and that can be resumed.
 
 The root holds the data for readers: the variables of the run, `time`, `first_bad`, and attributes that describe the
 run. The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
+Each part of the run is one chunk of each variable, and each chunk ends with its checksum (the codec crc32c of Zarr).
+Every reader that decodes a changed chunk raises an error.
 
-The group `checkpoint` holds the data for resuming: the progress of each body at the end of the last two spans (in one
-slot for even and one for odd spans), and a commit per part with the checksums of all data of the part. The commit is
-written last, in one atomic operation. Data that a killed process wrote but did not commit are written again by the
-resumed run. For a long part, the group also holds a file with its progress (`kept.py`).
+The folder `checkpoint` holds a file GROUP.npz for each group: its progress, from which the run continues. The file is
+written after the chunks, and replaced as a whole. It is therefore complete whenever the process is killed, and chunks
+that it does not count are written again by the resumed run.
 """
 
 import os
@@ -19,60 +20,54 @@ from typing import Any
 
 import numpy as np
 
-from . import checksums, description
-from .checksums import checksum, or_none, sealed
-from .description import ATTRIBUTE
-from .kept import Kept
-from .plan import Part, Plan
-from .sink import Arrays, Begun, Sink
-from .variables import BODY, COORDINATES, GROUP, SPAN, Variable
+from .attributes import ATTRIBUTE, folded, unfolded
+from .plan import BODY, GROUP, SPAN, Arrays, Part, Plan
+from .variables import Variable, Variables
 
-PARTS = "parts"  # the Zarr group with the parts of a statistic
+CHECKPOINT = "checkpoint"
 _FIRST_BAD = "first_bad"
+_PARTS = "parts"  # the Zarr group with the parts of a statistic
 
 
-class Store(Sink):
+class Store:
     """A run in a Zarr store.
 
     Attributes:
         path: the folder.
+        attributes: the attributes of the root, see `attributes.py`.
         plan: how the run is divided into parts.
         identity: see `identity.py`.
-        attributes: the attributes of the root, see `describe.py`.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False):
-        """Opens a store.
+        """Opens a store; raises ValueError if the folder is none, or its description is damaged."""
+        import zarr
 
-        Raises:
-            ValueError: the folder is not the store of a run, or its description is damaged.
-        """
         self.path = path
-        self._described = description.read(path)
-        self.attributes: dict[str, Any] = self._described["attributes"]
-        own = self.attributes[ATTRIBUTE]
-        self.plan, self.identity = Plan(**own["plan"]), dict(own["identity"])
-        self._root: Any = _opened(path, "r" if read_only else "r+")
-        places = dict(own["variables"])
-        self._seen: list[str] = sorted(places)  # in the order of the checksums, because attributes have no order
-        self._arrays = {name: self._root[places[name]] for name in self._seen}
-        self._checkpoint: Any = self._root["checkpoint"]
-        self._states: list[str] = sorted(own["state"])
-        self._commits: Any = self._checkpoint["commit"]
-        self._kept = Kept(path / "checkpoint")
+        try:
+            with zarr.config.set({"array.write_empty_chunks": True}):  # so that a missing chunk is damage
+                root: Any = zarr.open_group(path, mode="r" if read_only else "r+", use_consolidated=True)
+                self.attributes: dict[str, Any] = unfolded(root.attrs.asdict())
+                own = self.attributes[ATTRIBUTE]
+                self.plan, self.identity = Plan(**own["plan"]), dict(own["identity"])
+                self._arrays: dict[str, Any] = {name: root[place] for name, place in own["variables"].items()}
+                self._whole: dict[str, Any] = {n: x for n, x in root.arrays() if n not in own["variables"].values()}
+                self._first_bad = self._whole.pop(_FIRST_BAD)
+        except Exception as error:  # reading a damaged file can raise anything
+            raise ValueError(
+                f"{path} is not the store of a run, or its description zarr.json is damaged ({type(error).__name__}: "
+                f"{error}); delete the folder or choose another one."
+            ) from error
 
     @contextmanager
-    def locked(self) -> Generator[None]:
+    def writing(self) -> Generator[None]:
         """Prevents other processes from writing to the store, until this process ends or leaves the context.
 
         The operating system releases the lock of a killed process; the lock file remains and is harmless.
-
-        Raises:
-            ValueError: another process holds the lock.
         """
         from filelock import FileLock, Timeout
 
-        lock = FileLock(self.path / "checkpoint" / "lock")
+        lock = FileLock(self.path / CHECKPOINT / "lock")
         try:
             lock.acquire(timeout=0)
         except Timeout:
@@ -86,228 +81,113 @@ class Store(Sink):
                 Path(lock.lock_file).unlink(missing_ok=True)  # before the release: later it may be another's file
             lock.release()
 
-    def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
-        """Writes a part and commits it."""
-        for name, values in seen.items():
-            self._arrays[name][self._place(name, part)] = values
-        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
-        for name, values in {**state, _FIRST_BAD: first_bad}.items():
-            self._checkpoint[name][slot, bodies] = values
-        self._root[_FIRST_BAD][bodies] = first_bad
-        written = *(seen[name] for name in self._seen), *(state[name] for name in self._states), first_bad
-        sums = [checksum(values) for values in written]
-        self._commits[part.span, part.group] = sealed(sums)
-        self._kept.remove(part.group)
+    def write(self, part: Part, seen: Arrays, first_bad: np.ndarray) -> None:
+        """Writes the chunks of a part, which count once the next checkpoint is kept.
 
-    def keep(self, part: Part, begun: Begun) -> None:
-        self._kept.write(part, begun)
-
-    def begun(self, part: Part) -> Begun | None:
-        """The stored part that is not committed, or None.
-
-        Raises:
-            ValueError: it is damaged.
+        The variables in `seen` have the shape (bodies, saves, ...), or (1, saves, ...) for a statistic.
         """
-        return self._kept.read(part)
+        for name, values in seen.items():
+            self._arrays[name][self.plan.place(part, self._arrays[name].metadata.dimension_names)] = values
+        self._first_bad[self.plan.bodies_of(part.group)] = first_bad
 
-    def forget_begun(self, group: int) -> None:
-        self._kept.remove(group)
+    def write_whole(self, values: Arrays) -> None:
+        """Writes variables that do not belong to parts, such as the time."""
+        for name, value in values.items():
+            self._whole[name][...] = value
 
-    def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
-        """The states at the end of a committed part, and `first_bad` of its bodies."""
-        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
-        state = {name: self._checkpoint[name][slot, bodies] for name in self._states}
-        return state, self._checkpoint[_FIRST_BAD][slot, bodies]
+    def keep(self, group: int, arrays: Arrays) -> None:
+        """Replaces the checkpoint of a group."""
+        file = self._file(group)
+        with file.with_suffix(".new").open("wb") as unfinished:
+            np.savez(unfinished, **arrays)  # pyright: ignore[reportArgumentType]
+            unfinished.flush()
+            os.fsync(unfinished.fileno())
+        file.with_suffix(".new").replace(file)
 
-    def committed(self, group: int) -> int:
-        """The number of committed spans of a group without a gap, from the first."""
-        return next((s for s in range(self.plan.spans) if not self._sums(Part(s, group))), self.plan.spans)
+    def checkpoint(self, group: int) -> Arrays | None:
+        """The checkpoint of a group, or None; raises ValueError if it is damaged."""
+        file = self._file(group)
+        try:
+            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+                return dict(arrays)
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # reading a damaged file can raise anything
+            raise ValueError(f"{file} is damaged ({type(error).__name__}: {error}). {remedy(group)}") from error
 
-    def damage(self, group: int) -> list[str]:
-        """Names the data in the committed spans of a group that are unreadable or have changed."""
-        count = self.committed(group)
-        later = [s for s in range(count, self.plan.spans) if self._sums(Part(s, group))]
-        found = [f"the commit of {Part(count, group)}"] if later else []
-        for span in range(count):
-            part = Part(span, group)
-            for name, expected in zip(self._seen, self._sums(part), strict=False):
-                if checksums.found(lambda name=name: self._arrays[name], *self._place(name, part)) != expected:
-                    found.append(f"{name} of {part}")
-        return found
-
-    def torn(self, group: int) -> list[str]:
-        """Names the damaged data of a group for which no committed span must be discarded."""
-        spans, bodies = self.committed(group), self.plan.bodies_of(group)
-        found: list[str] = []
-        if spans < self.plan.spans:
-            part = Part(spans, group)
-            commit = or_none(lambda: self._commits[part.span, part.group])
-            if commit is None or commit.any():
-                found.append(f"the commit of {part}")
-        now = checksums.found(lambda: self._root[_FIRST_BAD], bodies)
-        # Before the end of the run, `first_bad` may be ahead of the last commit.
-        slots = [(spans - 1) % 2] if spans == self.plan.spans else [0, 1]
-        then = [checksums.found(lambda: self._checkpoint[_FIRST_BAD], slot, bodies) for slot in slots]
-        if not spans:
-            then.append(checksum(np.full(self.plan.bodies_in(group), self.plan.saves, np.int32)))
-        if now is None or (None not in then and now not in then):
-            found.append(f"{_FIRST_BAD} of group {group}")
-        return found
-
-    def whole_state(self, part: Part) -> bool:
-        """Whether the states at the end of a committed part are unchanged since they were written."""
-        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
-        names = (*self._states, _FIRST_BAD)
-        return self._sums_of_state(part) == [
-            checksums.found(lambda name=name: self._checkpoint[name], slot, bodies) for name in names
+    def damaged(self, group: int, spans: int) -> list[str]:
+        """Names the data in the first `spans` spans of a group that are missing or cannot be read."""
+        found = [
+            f"{name} of {Part(span, group)}"
+            for span in range(spans)
+            for name, array in self._arrays.items()
+            if not _readable(self.path, array, (group, span))
         ]
+        complete = spans == self.plan.spans  # otherwise a killed process may have left it unfinished
+        damaged = complete and not _readable(self.path, self._first_bad, (group,))
+        return [*found, f"{_FIRST_BAD} of group {group}"] if damaged else found
 
-    def given_up(self, part: Part) -> bool:
-        """Whether the states at the end of a committed part are known to be lost."""
-        return not any(self._sums_of_state(part))
+    def damaged_whole(self, complete: bool) -> list[str]:
+        """Names the variables that do not belong to parts and cannot be read; in a complete run, or are missing."""
+        whole = self._whole.items()
+        return sorted(name for name, array in whole if not _readable(self.path, array, (), missing=not complete))
 
-    def give_up(self, part: Part) -> None:
-        """Records in the commit of a part that the states at its end are lost."""
-        sums = self._sums(part)
-        self._commits[part.span, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
-
-    def forget(self, group: int, spans: int) -> None:
-        """Revokes the commits of a group after its first `spans` spans."""
-        self._commits[spans:, group] = 0
-
+    @property
     def first_bad(self) -> np.ndarray:
-        """(bodies,); for a group in which it is damaged, the values of the last commit."""
-        found = np.full(self.plan.bodies, self.plan.saves, np.int32)
-        for group in range(self.plan.groups):
-            bodies, slot = self.plan.bodies_of(group), (self.committed(group) - 1) % 2
-            values = or_none(lambda bodies=bodies: self._root[_FIRST_BAD][bodies])
-            if values is None:
-                values = or_none(lambda bodies=bodies, slot=slot: self._checkpoint[_FIRST_BAD][slot, bodies])
-            if values is not None:
-                found[bodies] = values
-        return found
-
-    def write_first_bad(self, group: int, first_bad: np.ndarray) -> None:
-        """Rewrites `first_bad`, which a killed process may have left incomplete or ahead of its last commit."""
-        self._root[_FIRST_BAD][self.plan.bodies_of(group)] = first_bad
-
-    def holds(self, name: str, values: np.ndarray) -> bool:
-        """Whether a variable of the root can be read and has these values."""
-        return name in self._root and checksums.found(lambda: self._root[name]) == checksum(values)
-
-    def damaged_whole(self) -> list[str]:
-        """Names the variables of the root that no part writes and that have changed."""
-        whole: dict[str, int] = self.attributes[ATTRIBUTE]["whole"]
-        found = {name: checksums.found(lambda name=name: self._root[name]) for name in whole}
-        return [name for name, expected in whole.items() if found[name] != expected]
-
-    def lost_descriptions(self) -> list[str]:
-        """The files with descriptions of arrays that have changed."""
-        return description.lost(self.path, self._described)
-
-    def restore(self) -> list[str]:
-        """Rewrites damaged descriptions of arrays and names of components; returns what was rewritten."""
-        lost = self.lost_descriptions()
-        description.restore(self.path, self._described, lost)
-        names = [name for name in self.damaged_whole() if name in COORDINATES]
-        for name in names:
-            self._root[name][:] = np.array(COORDINATES[name], dtype=object)
-        return lost + names
+        return self._first_bad[:]
 
     def read(self, name: str) -> np.ndarray:
         return self._arrays[name][:]
 
-    def add(self, variables: dict[str, tuple[Variable, np.ndarray]]) -> None:
-        """Adds whole variables to the root, or overwrites them."""
-        whole = self.attributes[ATTRIBUTE]["whole"]
-        for name, (variable, values) in variables.items():
-            if name in self._root:
-                array = self._root[name]
-            else:  # also if a killed process has created the array, but not described it in the root
-                array = _create(self._root, name, variable, variable.shape, overwrite=True)
-                description.add_copy(self.path, self._described, name)
-            array[...] = values
-            whole[name] = checksum(values)
-        if variables:
-            description.write(self.path, self._described)
-            self._root = _opened(self.path, "r+")
+    def _file(self, group: int) -> Path:
+        return self.path / CHECKPOINT / f"{group}.npz"
 
-    def _place(self, name: str, part: Part) -> tuple[slice, slice]:
-        first, second, *_ = self._arrays[name].metadata.dimension_names
-        return self.plan.place(part, first == GROUP, second == SPAN)
 
-    def _sums_of_state(self, part: Part) -> list[int]:
-        return self._sums(part)[len(self._seen) :]
+def _readable(path: Path, array: Any, chunk: tuple[int, ...], missing: bool = False) -> bool:
+    """Whether a chunk of an array can be read, and exists unless it may be missing; Zarr reads it as NaN then."""
+    if not array.size:
+        return True
+    chunk = (*chunk, *[0] * (array.ndim - len(chunk)))
+    try:
+        array.blocks[chunk] if chunk else array[...]
+    except Exception:  # reading a damaged file can raise anything
+        return False
+    return missing or (path / array.path / array.metadata.encode_chunk_key(chunk)).exists()
 
-    def _sums(self, part: Part) -> list[int]:
-        """The checksums of a committed part; an empty list if the part is not committed."""
-        try:
-            sums = [int(x) for x in self._commits[part.span, part.group]]
-        except Exception:  # a damaged commit counts as none
-            return []
-        return sums[:-1] if sums == sealed(sums[:-1]) else []
+
+def remedy(group: int) -> str:
+    """How a damaged group is computed again, as a sentence."""
+    return f"To compute this group again, delete {CHECKPOINT}/{group}.npz and resume the run."
 
 
 def create(
-    path: Path,
-    plan: Plan,
-    identity: dict[str, str],
-    seen: dict[str, Variable],
-    state: dict[str, Variable],
-    whole: dict[str, tuple[Variable, np.ndarray]],
-    attributes: dict[str, Any],
+    path: Path, plan: Plan, identity: dict[str, str], seen: Variables, others: Variables, attributes: dict[str, Any]
 ) -> None:
-    """Creates a store without parts atomically.
-
-    Args:
-        path: the folder, which must not exist.
-        plan, identity: see `Store`.
-        seen: the variables that the parts write.
-        state: the arrays of the progress of all bodies.
-        whole: variables available before the run, such as the time.
-        attributes: the attributes of the root.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Creates a store without values atomically; the parts will write `seen`. It raises OSError if it cannot write."""
     import zarr
 
-    used = {dim for variable in seen.values() for dim in variable.dims}
-    coordinates = {dim: np.array(names, dtype=object) for dim, names in COORDINATES.items() if dim in used}
-    described = {
-        "plan": plan._asdict(),
-        "identity": identity,
-        "variables": {name: f"{PARTS}/{name}" if v.dims[0] == GROUP else name for name, v in seen.items()},
-        "state": list(state),
-        "whole": {
-            **{name: checksum(values) for name, (_, values) in whole.items()},
-            **{name: checksum(values) for name, values in coordinates.items()},
-        },
+    places = {name: f"{_PARTS}/{name}" if variable.dims[0] == GROUP else name for name, variable in seen.items()}
+    own = {"plan": plan._asdict(), "identity": identity, "variables": places}
+    about = {
+        "long_name": "index in time of the first saved state that cannot be trusted",
+        "description": f"{plan.saves} for a body whose states can all be trusted, as far as they are computed",
     }
+    first_bad = Variable((BODY,), (plan.bodies,), np.dtype(np.int32), about)
     unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
     try:
-        written = description.folded({**attributes, ATTRIBUTE: described})
-        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes=written)
+        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes=folded({**attributes, ATTRIBUTE: own}))
+        root.create_group(CHECKPOINT)
         for name, variable in seen.items():
             of_groups = variable.dims[0] == GROUP
-            place = root.require_group(PARTS) if of_groups else root
-            times = 1 if variable.dims[1] == SPAN else plan.span
-            _create(place, name, variable, (1 if of_groups else plan.group, times, *variable.shape[2:]))
-        first_bad = Variable((BODY,), (plan.bodies,), np.dtype(np.int32), _first_bad_attributes(plan))
+            chunks = 1 if of_groups else plan.group, 1 if variable.dims[1] == SPAN else plan.span
+            place = root.require_group(_PARTS) if of_groups else root
+            _create(place, name, variable, (*chunks, *variable.shape[2:]))
+        for name, variable in others.items():
+            _create(root, name, variable, variable.shape)
         _create(root, _FIRST_BAD, first_bad, (plan.group,), missing=plan.saves)
-        for name, (variable, values) in whole.items():
-            _create(root, name, variable, variable.shape)[...] = values
-        for dim, names in coordinates.items():
-            root.create_array(dim, shape=names.shape, dtype="str", dimension_names=(dim,))[:] = names
-        checkpoint = root.create_group("checkpoint")
-        for name, variable in {**state, _FIRST_BAD: first_bad}.items():
-            slots = variable._replace(dims=("slot", *variable.dims), shape=(2, *variable.shape))
-            _create(checkpoint, name, slots, (1, plan.group, *variable.shape[1:]))
-        sums = len(seen) + len(state) + 2
-        commit = Variable(("span", GROUP, "checksum"), (plan.spans, plan.groups, sums), np.dtype(np.uint32), {})
-        _create(checkpoint, "commit", commit, (1, 1, sums))
-        _consolidate(unfinished)
-        description.seal(unfinished)
+        with warnings.catch_warnings():  # version 3 of the format does not specify this yet; other readers ignore it
+            warnings.simplefilter("ignore", UserWarning)
+            zarr.consolidate_metadata(str(unfinished))  # xarray opens the store without listing its folders
         if path.exists():
             raise ValueError(f"another run has just created {path}; choose another name.")
         os.rename(unfinished, path)
@@ -315,45 +195,21 @@ def create(
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _first_bad_attributes(plan: Plan) -> dict[str, str]:
-    return {
-        "long_name": "index in time of the first saved state that cannot be trusted",
-        "description": f"{plan.saves} for a body whose states can all be trusted, as far as they are computed",
-    }
-
-
-def _opened(path: Path, mode: Any) -> Any:
-    """The root, whose copies of descriptions open the arrays even if their own descriptions are damaged."""
-    import zarr
-
-    return zarr.open_group(path, mode=mode, use_consolidated=True)
-
-
-def _create(
-    group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0, overwrite: bool = False
-) -> Any:
+def _create(group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0) -> None:
     """An array without compression, because the last digits of a motion's numbers are practically random.
 
     Integers not yet written have the value `missing`, and floating-point numbers are NaN.
     """
-    return group.create_array(
+    from zarr.codecs import Crc32cCodec
+
+    text = variable.dtype == object
+    group.create_array(
         name,
         shape=variable.shape,
-        dtype=variable.dtype,
+        dtype="str" if text else variable.dtype,
         chunks=tuple(max(1, size) for size in chunks),
-        fill_value=np.nan if np.issubdtype(variable.dtype, np.floating) else missing,
-        compressors=None,
+        fill_value="" if text else np.nan if np.issubdtype(variable.dtype, np.floating) else missing,
+        compressors=[Crc32cCodec()],
         dimension_names=variable.dims,
         attributes=variable.attributes,
-        config={"write_empty_chunks": True},
-        overwrite=overwrite,
     )
-
-
-def _consolidate(path: Path) -> None:
-    """Lets xarray open the store without listing its folders."""
-    import zarr
-
-    with warnings.catch_warnings():  # version 3 of the format does not specify this yet; other readers ignore it
-        warnings.simplefilter("ignore", UserWarning)
-        zarr.consolidate_metadata(str(path))

@@ -1,24 +1,14 @@
-"""`Simulation`, the result of `simulate`; and the merged statistics of all groups."""
+"""`Simulation`, the result of `simulate`; and `inspect`: the progress of a run in a store, its damage, its failures."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from .._checks.typed_by import TypedBy
-from ..drivers.observe import Statistic
-from ..drivers.observe.series import Series
 from ..drivers.path import States
-from .describe import Whole
-from .names import named
-from .plan import Plan
 from .saved import states_of
-from .sink import Sink
-from .variables import TIME, Variable, own_dims
+from .store import Store
 
 _SHOWN = 5  # failed bodies in the list
 
@@ -36,16 +26,12 @@ class Simulation(NamedTuple, TypedBy[States]):
         computed: the number of body-steps computed by this call; less than bodies times steps if it resumed a run, or
             if several processes share it.
         seconds: the run time of this call, including compilation.
-        repaired: damaged data of the file that have been computed or written again; damaged spare states are only
-            discarded.
         carry: the `midlie_jax.Carry` of all bodies at the end, from which every driver continues with the same bits;
             None if other processes hold some of the bodies.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
-        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
-        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
+        >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
         >>> run.bodies, run.saves, bool(run.ok.all())
         (4, 11, True)
         >>> run.open()["momentum"].shape
@@ -59,7 +45,6 @@ class Simulation(NamedTuple, TypedBy[States]):
     first_bad: np.ndarray
     computed: int
     seconds: float
-    repaired: tuple[str, ...]
     carry: Any = None
 
     @property
@@ -85,7 +70,7 @@ class Simulation(NamedTuple, TypedBy[States]):
         States that cannot be trusted may hold NaN.
 
         Raises:
-            ValueError: the run saved other values by `observe`.
+            ValueError: the run saved other values by `observe`, or the file is damaged.
         """
         states: Any = states_of(self.out)
         return states
@@ -95,13 +80,89 @@ class Simulation(NamedTuple, TypedBy[States]):
         lines = [
             f"{self.out}: {self.bodies} bodies, {self.steps} steps, {self.saves} saved states of each",
             f"computed now: {self.computed} body-steps in {self.seconds:.3g} s{rate}",
-            failures(self.first_bad, self.saves),
-            *(f"damaged, and mended: {name}" for name in self.repaired),
+            _failures(self.first_bad, self.saves),
         ]
         return "\n".join(lines)
 
 
-def failures(first_bad: np.ndarray, saves: int) -> str:
+class Inspection(NamedTuple):
+    """The state of a run in a store.
+
+    Attributes:
+        path: the folder.
+        attributes: the attributes of the store.
+        bodies, saves: the size of the run.
+        done: number of body-steps that are computed and written.
+        total: number of body-steps of the whole run.
+        damaged: names of data that are missing or cannot be read; empty if there is no damage.
+        first_bad: see `Simulation`; only the computed steps are included.
+
+    Examples:
+        >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
+        >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
+        >>> found = ml.simulation.inspect("tops.zarr")
+        >>> found.bodies, found.saves, found.attributes["method"]
+        (4, 11, 'JACOBI[EA]')
+    """
+
+    path: Path
+    attributes: dict[str, Any]
+    bodies: int
+    saves: int
+    done: int
+    total: int
+    damaged: tuple[str, ...]
+    first_bad: np.ndarray
+
+    def __str__(self) -> str:
+        said = self.attributes
+        size = f"{self.bodies} bodies, {said['steps']} steps, {self.saves} saved states of each"
+        state = "complete" if self.done == self.total else f"{self.done / self.total:.1%} done; it can be resumed"
+        lines = [
+            f"{self.path}: {said['title']}",
+            f"{size}; {said['method']}, {said['dtype']}",
+            state,
+            _failures(self.first_bad, self.saves),
+            *(f"DAMAGED: {name}" for name in self.damaged),
+        ]
+        if self.damaged:
+            lines.append("to compute group G again, delete checkpoint/G.npz; then resume the run")
+        return "\n".join(lines)
+
+
+def inspect(path: str | Path) -> Inspection:
+    """Reads a whole store, whose chunks have checksums, and names damaged data.
+
+    Raises:
+        ValueError: the folder is not the store of a run, or its description is damaged.
+
+    Examples:
+        >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
+        >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
+        >>> found = ml.simulation.inspect("tops.zarr")
+        >>> found.done == found.total, found.damaged
+        (True, ())
+    """
+    store = Store(Path(path), read_only=True)
+    plan, damaged, done = store.plan, list[str](), 0
+    first_bad = np.full(plan.bodies, plan.saves, np.int32)
+    for group in range(plan.groups):
+        try:
+            found = store.checkpoint(group)
+        except ValueError:
+            damaged.append(f"the checkpoint of group {group}")
+            continue
+        if found is not None:
+            span = int(found["span"])
+            done += plan.done(group, span, int(found["steps"]))
+            damaged += store.damaged(group, span)
+            first_bad[plan.bodies_of(group)] = found["first_bad"]
+    total = plan.work(plan.parts(range(plan.groups)))
+    damaged += store.damaged_whole(done == total)
+    return Inspection(store.path, store.attributes, plan.bodies, plan.saves, done, total, tuple(damaged), first_bad)
+
+
+def _failures(first_bad: np.ndarray, saves: int) -> str:
     """The number of failed bodies, and their indices, in words."""
     failed = np.flatnonzero(first_bad < saves)
     if not failed.size:
@@ -109,37 +170,3 @@ def failures(first_bad: np.ndarray, saves: int) -> str:
     listed = ", ".join(f"body {body} from saved state {first_bad[body]}" for body in failed[:_SHOWN])
     more = f" and {failed.size - _SHOWN} more" if failed.size > _SHOWN else ""
     return f"{failed.size} of {first_bad.size} bodies FAILED: {listed}{more}"
-
-
-def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array) -> Whole:
-    """The variables (time, ...) of a statistic over all bodies, merged from the parts of the groups in a file.
-
-    A statistic over times has its lags or frequencies instead of times.
-
-    Args:
-        seen: the pytree of the data of a part.
-        interval: the time between two saved states, ().
-    """
-    of_times = isinstance(observe, Series)
-    parts = (sink.read(name) for name in named(seen))
-    arrays = [jnp.asarray(part[:, -1] if of_times else part) for part in parts]
-    finished = _finished(observe, jax.tree.unflatten(jax.tree.structure(seen), arrays), interval)
-    found: Whole = {}
-    for name, leaf in named(finished).items():
-        values = np.asarray(leaf)
-        about = {"long_name": f"{name} over all bodies that can be trusted", **observe.attributes()}
-        first = observe.row_of(name) if isinstance(observe, Series) else TIME
-        found[name] = (Variable((first, *own_dims(name, values.shape[1:])), values.shape, values.dtype, about), values)
-    return found
-
-
-def names_of_merged(observe: Statistic, seen: Any, plan: Plan, dtype: Any) -> list[str]:
-    """The names of the variables of `merged_statistic`, without computing them; `dtype` is the dtype of the run."""
-    axes = (plan.groups,) if isinstance(observe, Series) else (plan.groups, plan.saves)
-    parts = jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), seen)
-    return list(named(eqx.filter_eval_shape(_finished, observe, parts, jax.ShapeDtypeStruct((), dtype))))
-
-
-def _finished(observe: Statistic, parts: Any, interval: Array) -> Any:
-    """The merged parts of all groups as stored in a file, a pytree of arrays."""
-    return observe.finished(observe.result(observe.merged(parts), interval))

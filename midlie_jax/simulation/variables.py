@@ -1,22 +1,24 @@
 """The variables of a file with dimensions, types, units and frames, for readers without this package."""
 
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from .._checks.arguments import is_key
+from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
 from ..drivers.observe.series import Series
-from .names import named
-from .plan import Plan
+from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 
-BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
-# Under these names a checkpoint holds the progress of each body, and the carry of a statistic over times.
-CARRIED, SERIES = "carried", "series"
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
+MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
+ALONE = "observed"  # the name if a tree is a single array
 
 
 class Variable(NamedTuple):
@@ -35,27 +37,28 @@ class Variable(NamedTuple):
     attributes: dict[str, str]
 
 
-def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
-    """The values that a run writes at one time, as shapes and dtypes: for one body, or for a part of a statistic.
+Variables = dict[str, Variable]
 
-    For a statistic over times, the values that it writes at the end of a span.
-    """
-    seen = value_leaves(batch, observe)
-    if not isinstance(observe, Statistic):
-        return seen
-    axes = (1, 1) if isinstance(observe, Series) else (1,)
-    values = jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), seen)
-    return eqx.filter_eval_shape(observe.part, values, jax.ShapeDtypeStruct(axes, jnp.bool_))
+
+def named(tree: Any, separator: str = "_") -> dict[str, Any]:
+    """The leaves of a tree, named by their position in it: {"momentum": ..., "attitude": ...}."""
+    places = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}
+
+
+def parameter(name: str) -> str:
+    """The name of the array of a parameter of a run, such as "body.moments"."""
+    return f"parameter_{name.replace('.', '_')}"
+
+
+def numbers(array: Any) -> np.ndarray:
+    """The NumPy array; for random keys, their data."""
+    return np.asarray(jax.random.key_data(array) if is_key(array) else array)
 
 
 def bytes_of(leaves: Any) -> int:
     """The bytes of a pytree of shapes and dtypes."""
     return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(leaves))
-
-
-def carried_leaves(batch: Batch, observe: Series, bodies: int) -> Any:
-    """The carry of a statistic over times for this many bodies, as a pytree of shapes and dtypes."""
-    return eqx.filter_eval_shape(observe.begun, bodies, value_leaves(batch, observe))
 
 
 def value_leaves(batch: Batch, observe: Observe | None) -> Any:
@@ -65,7 +68,19 @@ def value_leaves(batch: Batch, observe: Observe | None) -> Any:
     return eqx.filter_eval_shape(observe_state, observe, t0, start, body, torque)
 
 
-def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
+def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
+    """The values that a run writes at one time, as shapes and dtypes: for one body, or for a part of a statistic.
+
+    For a statistic over times, the values that it writes at the end of a span.
+    """
+    seen = value_leaves(batch, observe)
+    if not isinstance(observe, Statistic):
+        return seen
+    axes = (1, 1) if isinstance(observe, Series) else (1,)
+    return eqx.filter_eval_shape(observe.part, _with_axes(seen, axes), jax.ShapeDtypeStruct(axes, jnp.bool_))
+
+
+def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> Variables:
     """The variables that a run writes, by name: (body, time, ...), or for a statistic (group, time, ...).
 
     For a statistic over times (group, span, ...): its value at the end of each span.
@@ -73,55 +88,86 @@ def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, 
     times = (SPAN, plan.spans) if isinstance(observe, Series) else (TIME, plan.saves)
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
     known = seen.described() if observe is None else {}
-    found: dict[str, Variable] = {}
+    found: Variables = {}
     for name, leaf in named(seen).items():
         dims, attributes = known.get(name, ((), {"long_name": name}))
-        dims = dims or own_dims(name, leaf.shape)
+        dims = dims or _own_dims(name, leaf.shape)
         shape = (first[1], times[1], *leaf.shape)
         found[name] = Variable((first[0], times[0], *dims), shape, np.dtype(leaf.dtype), attributes)
     return found
 
 
-def kept_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[str, Variable]:
-    """The variables of a checkpoint: the progress of all bodies, and the carry of a statistic.
+def merged_variables(batch: Batch, observe: Observe | None, seen: Any, plan: Plan) -> Variables:
+    """The variables (time, ...) of a statistic over all bodies; a statistic over times has lags or frequencies."""
+    if not isinstance(observe, Statistic):
+        return {}
+    axes = (plan.groups,) if isinstance(observe, Series) else (plan.groups, plan.saves)
+    interval = jax.ShapeDtypeStruct((), batch.mapped[2].momentum.dtype)
+    found: Variables = {}
+    for name, leaf in named(eqx.filter_eval_shape(_finished, observe, _with_axes(seen, axes), interval)).items():
+        about = {"long_name": f"{name} over all bodies that can be trusted", **observe.attributes()}
+        first = observe.row_of(name) if isinstance(observe, Series) else TIME
+        found[name] = Variable((first, *_own_dims(name, leaf.shape[1:])), leaf.shape, np.dtype(leaf.dtype), about)
+    return found
+
+
+def merged(observe: Statistic, seen: Any, read: Callable[[str], np.ndarray], interval: Array) -> Arrays:
+    """The values of `merged_variables`, from the parts of the groups in a file.
 
     Args:
-        carried: the progress of some bodies, as a pytree of shapes and dtypes.
+        seen: the pytree of the data of a part.
+        read: returns a variable of the file.
+        interval: the time between two saved states, ().
     """
-    arrays = eqx.filter_eval_shape(packed, carried)
-    if isinstance(observe, Series):
-        arrays |= named({SERIES: carried_leaves(batch, observe, batch.bodies)})
-    return {
-        name: Variable(
-            (BODY, *own_dims(name, leaf.shape[1:])), (batch.bodies, *leaf.shape[1:]), np.dtype(leaf.dtype), {}
-        )
-        for name, leaf in arrays.items()
-    }
+    parts = [jnp.asarray(read(name)) for name in named(seen)]
+    parts = [part[:, -1] for part in parts] if isinstance(observe, Series) else parts
+    finished = _finished(observe, jax.tree.unflatten(jax.tree.structure(seen), parts), interval)
+    return {name: np.asarray(leaf) for name, leaf in named(finished).items()}
 
 
-def packed(carried: Any) -> dict[str, Any]:
-    """The arrays (bodies, ...) of a progress as one array (bodies, numbers) per dtype, by name."""
-    leaves = jax.tree.leaves(carried)
-    numpy = np if all(isinstance(x, np.ndarray) for x in leaves) else jnp
-    return {
-        f"{CARRIED}_{dtype}": numpy.concatenate([x.reshape(len(x), -1) for x in leaves if x.dtype == dtype], axis=1)
-        for dtype in sorted({x.dtype for x in leaves}, key=str)
-    }
+def whole_variables(batch: Batch, plan: Plan) -> tuple[Variables, Arrays]:
+    """The variables available before the run: the times, and parameters with many numbers."""
+    *_, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    indices = plan.begin + plan.save_every * jnp.arange(plan.saves, dtype=jnp.int32)
+    if t0.ndim or dt.ndim:
+        t0, dt, indices = t0.reshape(-1, 1), dt.reshape(-1, 1), indices[None]
+    times = np.asarray(jax.jit(time_of)(t0, dt, indices))
+    name, dims = ("time", (TIME,)) if times.ndim == 1 else ("times", (BODY, TIME))
+    variables = {name: Variable(dims, times.shape, times.dtype, {"long_name": "time", "units": "time"})}
+    values = {name: times}
+    own, shared = parameters((*batch.mapped[:2], None, *batch.mapped[3:])), parameters(batch.shared)
+    shared = {name: value for name, value in shared.items() if value.size > MOST_IN_ATTRIBUTES}
+    for first, found in (((BODY,), own), ((), shared)):
+        for short, value in found.items():
+            name = parameter(short)
+            dims = (*first, *_own_dims(name, value.shape[len(first) :]))
+            about = {"long_name": f"{name.removeprefix('parameter_')}, in the units of the run"}
+            variables[name], values[name] = Variable(dims, value.shape, value.dtype, about), value
+    return variables, values
 
 
-def unpacked(like: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """The progress from its arrays as made by `packed`; `like` has its structure, shapes and dtypes."""
-    leaves, structure = jax.tree.flatten(like)
-    begin = dict.fromkeys(arrays, 0)
-    found: list[np.ndarray] = []
-    for leaf in leaves:
-        name, size = f"{CARRIED}_{leaf.dtype}", int(np.prod(leaf.shape[1:]))
-        values = arrays[name][:, begin[name] : begin[name] + size]
-        found.append(np.ascontiguousarray(values).reshape(len(values), *leaf.shape[1:]))
-        begin[name] += size
-    return jax.tree.unflatten(structure, found)
+def coordinates(variables: Iterable[Variable]) -> tuple[Variables, Arrays]:
+    """The names of the components, for the dimensions of these variables."""
+    used = {dim for variable in variables for dim in variable.dims} & set(COORDINATES)
+    values = {dim: np.array(COORDINATES[dim], dtype=object) for dim in sorted(used)}
+    return {dim: Variable((dim,), names.shape, names.dtype, {}) for dim, names in values.items()}, values
 
 
-def own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+def parameters(arguments: Any) -> Arrays:
+    """The numbers of (body, torque, start, dt, t0) without `start`, by name."""
+    body, torque, _, dt, t0 = arguments
+    arrays = eqx.filter({"body": body, "torque": torque, "dt": dt, "t0": t0}, eqx.is_array)
+    return {name: numbers(values) for name, values in named(arrays, ".").items()}
+
+
+def _finished(observe: Statistic, parts: Any, interval: Array) -> Any:
+    return observe.finished(observe.result(observe.merged(parts), interval))
+
+
+def _with_axes(leaves: Any, axes: tuple[int, ...]) -> Any:
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), leaves)
+
+
+def _own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Names for the dimensions of an array without known meaning."""
     return tuple(f"{name}_{i + 1}" for i in range(len(shape)))

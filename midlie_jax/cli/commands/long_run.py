@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...methods.base import Method
-from ...simulation.inspect import Inspection, inspect
 from ...simulation.simulate import simulate
+from ...simulation.summary import Inspection, inspect
 from .. import chosen, scenes
 from ..scenes import Scene
 from .output import require

@@ -11,9 +11,8 @@ from ...model.bodies import RigidBody
 from ...model.states import AxisState, TravellingState
 from ...plot.conservation import Change, balanced, energy_change, linear_change, momentum_change
 from ...plot.style import colours_of
-from ...simulation.names import named, parameter
-from ...simulation.variables import COORDINATES
-from ...simulation.versions import versions
+from ...simulation.attributes import versions
+from ...simulation.variables import COORDINATES, named, parameter
 from .. import travel_changes
 from ..scenes import Scene
 

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ...plot.style import BLUE, GREEN, VERMILLION
-from ...simulation.inspect import Inspection
-from ...simulation.variables import BODY, COORDINATES, TIME
+from ...simulation.plan import BODY, TIME
+from ...simulation.summary import Inspection
+from ...simulation.variables import COORDINATES
 from ..figures import FAINT, heading, new_figure, panel, write
 
 _LINES = (BLUE, VERMILLION, GREEN)  # the colours of the first bodies
