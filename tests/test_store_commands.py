@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.attitudes.forms import euler_angles, matrices_of
+from midlie_jax._math.euler import euler_angles, matrices_of
 from midlie_jax.cli.commands.store_chart import store_figure
 from midlie_jax.cli.main import main
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_LOCKED = 4  # rounding errors: below this sine or cosine of the second angle, the third angle is set to 0
+from .._math.euler import axes_of, euler_angles, matrices_of
 
 
 class Form(NamedTuple):
@@ -75,61 +75,9 @@ def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndar
     return np.stack([(degrees[:, 0] - 90) % 360, 90 - degrees[:, 1], degrees[:, 2] % 360, rates], axis=1)
 
 
-def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.ndarray]:
-    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c): rotations about body axes after the earlier rotations.
-
-    Args:
-        matrices: (n, 3, 3), each takes body components to space components.
-        sequence: three letters X, Y, Z without equal neighbours: the axes i, j and k.
-
-    Returns:
-        The angles (n, 3) in radians, a and c from -pi to pi, b between -pi/2 and pi/2, or between 0 and pi if the first
-        and third letter are equal. And (n,), whether the first and third axis are parallel, in which case c is set to
-        0.
-    """
-    i, j, last = ("XYZ".index(letter) for letter in sequence)
-    k = 3 - i - j
-    r, sign = np.moveaxis(matrices, 0, -1), 1 if (j - i) % 3 == 1 else -1
-    if last == i:
-        a, small = np.arctan2(r[j, i], -sign * r[k, i]), np.hypot(r[j, i], r[k, i])
-    else:
-        a, small = np.arctan2(-sign * r[j, k], r[k, k]), np.hypot(r[j, k], r[k, k])
-    locked = small < _LOCKED * np.finfo(r.dtype).eps
-    a = np.where(locked, np.arctan2(sign * r[k, j], r[j, j]), a)
-    # If both are small, rounding changes the first angle strongly. The others come from the rotation that remains after
-    # the first, R_i(a)^T R, so the three angles together reproduce the rotation.
-    cosine, sine = np.cos(a), sign * np.sin(a)
-    row_i, row_j, row_k = r[i], cosine * r[j] + sine * r[k], cosine * r[k] - sine * r[j]
-    if last == i:
-        b, c = np.arctan2(-sign * row_k[i], row_i[i]), np.arctan2(-sign * row_j[k], row_j[j])
-    else:
-        b, c = np.arctan2(sign * row_i[k], row_k[k]), np.arctan2(sign * row_j[i], row_j[j])
-    return np.stack([a, b, np.where(locked, 0, c)], axis=-1), locked
-
-
-def matrices_of(quaternions: np.ndarray) -> np.ndarray:
-    """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first, in float64.
-
-    Quaternions in float32 are unit quaternions only to rounding; their length is divided out.
-    """
-    quaternions = np.asarray(quaternions, np.float64)
-    quaternions = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
 def sequence_of(value: object) -> str:
     """A sequence of axes as three letters, from letters or digits; a ValueError that begins with "must"."""
-    letters = str(value).upper().translate(str.maketrans("123", "XYZ"))
-    proper = len(letters) == 3 and set(letters) <= set("XYZ") and letters[0] != letters[1] != letters[2]
-    if not proper:
-        raise ValueError(f"must be three axes without equal neighbours, such as ZXZ or 321, got {value!r}.")
-    return letters
+    return "".join("XYZ"[axis] for axis in axes_of(value))
 
 
 def _about(axis: str, angles: np.ndarray) -> np.ndarray:

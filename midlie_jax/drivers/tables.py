@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._math.euler import euler_angles, matrices_of
 from ..model.state import State
 
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
@@ -42,15 +43,12 @@ def to_csv(path: Any, file: str | os.PathLike[str], *, euler: str | None = None)
         names = [f"{name}_{x}" for x in letters or range(flat.shape[-1])] if letters or flat.shape[-1] > 1 else [name]
         columns |= {head: flat[..., i] for i, head in enumerate(names)}
     if euler is not None:
-        from ..attitudes.forms import euler_angles, matrices_of, sequence_of
-
-        sequence = sequence_of(euler)
         if "attitude" not in values:
             raise ValueError("euler needs attitudes, which these states do not have; leave it out.")
         attitudes = values["attitude"][1]
-        angles = np.degrees(euler_angles(matrices_of(attitudes.reshape(-1, 4)), sequence)[0])
+        angles = np.degrees(euler_angles(matrices_of(attitudes.reshape(-1, 4)), euler)[0])
         angles = angles.reshape(*(attitudes if many else attitudes[None]).shape[:2], 3)
-        columns |= {f"euler_{i + 1}_{axis} [deg]": angles[..., i] for i, axis in enumerate(sequence)}
+        columns |= {f"euler_{i + 1}_{axis} [deg]": angles[..., i] for i, axis in enumerate(euler)}
     bodies = next(iter(columns.values())).shape[0]
     times = np.broadcast_to(times, (bodies, times.shape[-1]))
     good = np.arange(times.shape[1]) < np.asarray(path.first_bad).reshape(-1, 1)

@@ -15,12 +15,12 @@ from jax import Array
 from jaxtyping import Float
 
 from .._math import components as cp
+from .._math.euler import angles_of, axes_of
 
 # With these numbers of terms, the series and their derivatives are exact to rounding below these arguments.
 _SERIES_TERMS = 12
 _SMALL_ANGLE_SQUARED = 1.0  # for sin(a)/a and similar functions of a^2
 _SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z as a function of z^2
-_LOCKED = 4  # rounding errors: below this sine or cosine of the second Euler angle, the third is 0
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
@@ -196,20 +196,8 @@ def to_euler(quaternion: Float[Array, "*batch 4"], sequence: str) -> Float[Array
         >>> round(float(yaw), 6)
         0.3
     """
-    i, j, last = axes_of(sequence)
-    k = 3 - i - j
-    r, sign = jnp.moveaxis(to_matrix(quaternion), (-2, -1), (0, 1)), 1 if (j - i) % 3 == 1 else -1
-    y, x = (r[j, i], -sign * r[k, i]) if last == i else (-sign * r[j, k], r[k, k])
-    locked = jnp.hypot(y, x) < _LOCKED * cp.epsilon(x)
-    a = jnp.arctan2(jnp.where(locked, sign * r[k, j], y), jnp.where(locked, r[j, j], x))
-    # The others come from the rotation that remains after the first, so the three together reproduce the rotation.
-    cosine, sine = jnp.cos(a), sign * jnp.sin(a)
-    rest = {m: (cosine * r[j, m] + sine * r[k, m], cosine * r[k, m] - sine * r[j, m]) for m in (i, j, k)}
-    if last == i:
-        b, c = jnp.arctan2(-sign * rest[i][1], r[i, i]), jnp.arctan2(-sign * rest[k][0], rest[j][0])
-    else:
-        b, c = jnp.arctan2(sign * r[i, k], rest[k][1]), jnp.arctan2(sign * rest[i][0], rest[j][0])
-    return cp.pack((a, b, jnp.where(locked, jnp.zeros_like(c), c)))
+    r = jnp.moveaxis(to_matrix(quaternion), (-2, -1), (0, 1))
+    return cp.pack(angles_of(r, _axes_of(sequence), jnp)[:3])
 
 
 def from_euler(angles: Float[Array, "*batch 3"], sequence: str) -> Float[Array, "*batch 4"]:
@@ -222,18 +210,16 @@ def from_euler(angles: Float[Array, "*batch 3"], sequence: str) -> Float[Array, 
     a, b, c = cp.vector(jnp.asarray(angles))
     turns = [
         exp(cp.pack(tuple(x if m == axis else 0 * x for m in range(3))))
-        for x, axis in zip((a, b, c), axes_of(sequence), strict=True)
+        for x, axis in zip((a, b, c), _axes_of(sequence), strict=True)
     ]
     return multiply(multiply(turns[0], turns[1]), turns[2])
 
 
-def axes_of(sequence: object) -> tuple[int, int, int]:
-    """The three axes, 0 to 2, of a sequence of letters or digits."""
-    letters = str(sequence).upper().translate(str.maketrans("123", "XYZ"))
-    if len(letters) != 3 or not set(letters) <= set("XYZ") or not letters[0] != letters[1] != letters[2]:
-        raise ValueError(f"sequence must be three axes without equal neighbours, such as ZXZ or 321, got {sequence!r}.")
-    i, j, k = ("XYZ".index(letter) for letter in letters)
-    return i, j, k
+def _axes_of(sequence: str) -> tuple[int, int, int]:
+    try:
+        return axes_of(sequence)
+    except ValueError as error:
+        raise ValueError(f"sequence {error}") from None
 
 
 def slerp(

@@ -11,8 +11,8 @@ from contextlib import nullcontext
 import jax
 import numpy as np
 
+from ..._math.euler import euler_angles, matrices_of
 from ...attitudes import write
-from ...attitudes.forms import euler_angles, matrices_of
 from ...model.states import TravellingState
 from ...simulation.saved import saved_path
 from .record import columns

@@ -118,7 +118,7 @@ class EulerAngles(Observable):
     frame: Any = None
 
     def __check_init__(self) -> None:
-        so3.axes_of(self.sequence)
+        so3.to_euler(jnp.array([1.0, 0.0, 0.0, 0.0]), self.sequence)  # which raises for another sequence
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         attitude = attitude_of(state)
