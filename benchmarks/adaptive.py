@@ -121,7 +121,7 @@ def density_at_start(method, case, dt, steps, every):
 
     def advance(carry, _):
         t, motion, force, ok = carry
-        h = dt / density(t, type(start).join(motion.momentum, motion.pose))
+        h = dt / density(t, start.kind.join(motion.momentum, motion.pose))
         motion, force, step_ok = method.step(system, t, t + h, h, motion, force)
         return (t + h, motion, force, ok & is_fine(step_ok)), None
 

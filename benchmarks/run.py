@@ -91,9 +91,9 @@ def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
 
 def ambient(scene, t, y):
     """d/dt of momentum and quaternion as one array (7,), for a general solver."""
-    state = ml.RigidState.of_arrays(y[:3], y[3:])
+    state = ml.RigidState(y[:3], y[3:])
     velocity = y[:3] / scene.body.moments
-    rate = ml.RigidState.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
+    rate = state.kind.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
     return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])
 
 

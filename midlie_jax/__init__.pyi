@@ -45,6 +45,7 @@ from .model.bodies import RigidBody as RigidBody
 from .model.bodies import TensorBody as TensorBody
 from .model.free_body import FreeBody as FreeBody
 from .model.free_body import joined as joined
+from .model.leaf import Leaf as Leaf
 from .model.observables import angular_velocity as angular_velocity
 from .model.observables import kinetic_energy as kinetic_energy
 from .model.observables import linear_momentum as linear_momentum

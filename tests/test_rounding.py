@@ -45,7 +45,7 @@ def ends(flight, dtype, kind):
     moments, momentum, attitude, dt = free_bodies(flight.equal_moments, dtype, count=BODIES, seed=6)
 
     def run(moments, momentum, attitude, dt):
-        start = kind(momentum, attitude) if kind.has_pose else kind(momentum)
+        start = kind(momentum, attitude) if kind.leaves[0].has_pose else kind(momentum)
         method, body = ml.method(flight, "E1"), ml.RigidBody(moments)
         return ml.integrate(method, body, None, start, dt=dt, steps=STEPS, save_every=STEPS)
 

@@ -59,7 +59,7 @@ def test_a_symmetric_body_turns_by_up_to_4_4_radians_in_a_flight(dtype, name):
 
         def flights(h, momentum=momentum):
             """The body after one flight of h, and after two of h/2."""
-            start = ml.RigidState.of_arrays(jnp.asarray(momentum, dtype), jnp.asarray([1.0, 0, 0, 0], dtype))
+            start = ml.RigidState(jnp.asarray(momentum, dtype), jnp.asarray([1.0, 0, 0, 0], dtype))
             body = ml.RigidBody(jnp.asarray(moments, dtype))
             return [ml.integrate(name, body, None, start, dt=h / n, steps=n) for n in (1, 2)]
 

@@ -16,6 +16,7 @@ from midlie_jax.methods import flights
 from midlie_jax.methods.flights import jacobi
 from midlie_jax.methods.flights.exact import ExactFlight, Known
 from midlie_jax.methods.flights.jacobi_momentum import lag
+from midlie_jax.model.states.rigid import Rotation
 
 # Any body, symmetric ones about each axis, a ball, a flat and a slender one, and the separatrix.
 MOMENTS = [
@@ -124,11 +125,11 @@ def test_carrying_a_pose_is_flying_and_turning(flight):
     moments, momentum, attitude = jnp.array(MOMENTS[1]), jnp.array(MOMENTA[1]), ml.so3.exp(jnp.array([0.3, -0.5, 0.9]))
     h, no_step = jnp.asarray(0.2), jnp.asarray(False)
     increment, _, parts = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-    known = Known(increment, parts, ml.RigidState.turn(cp.quaternion(attitude), increment, no_step))
+    known = Known(increment, parts, Rotation.turn(cp.quaternion(attitude), increment, no_step))
 
     def apart(moments, h, momentum, attitude):
         increment, change, _ = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-        return jnp.stack([*change, *ml.RigidState.turn(cp.quaternion(attitude), increment, no_step)])
+        return jnp.stack([*change, *Rotation.turn(cp.quaternion(attitude), increment, no_step)])
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)

@@ -133,7 +133,7 @@ def recommend(
         raise ValueError(
             f"start must be a state with an attitude or an axis, such as midlie_jax.RigidState, got {described(start)}."
         )
-    if (start.rotation is None) != (length is None):
+    if (start.kind.rotation is None) != (length is None):
         raise ValueError(
             f"length must be given if and only if the body translates, got a {type(start).__name__}. It is the "
             "position error that counts as 1."

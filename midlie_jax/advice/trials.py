@@ -152,7 +152,11 @@ def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> R
 
     eps = float(jnp.finfo(start.momentum.dtype).eps)
     return Rounding(
-        eps, start.compensated, isinstance(start, RigidState), h * mean(facts.changes), h * h * mean(facts.variations)
+        eps,
+        start.kind.compensated,
+        isinstance(start, RigidState),
+        h * mean(facts.changes),
+        h * h * mean(facts.variations),
     )
 
 

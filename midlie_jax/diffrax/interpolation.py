@@ -11,6 +11,7 @@ from .._math import components as cp
 from .._math.short_series import WIDEST_SQUARE, half_angle
 from .._xla.fusion import begin, fuse, split
 from ..model.states import RigidState
+from ..model.states.rigid import Rotation
 from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked
 
@@ -69,11 +70,14 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     each of these arrays entry by entry.
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
-    if dense.y0.rotation is None:
-        return _rigid_state_at(dense, s) if dense.y0.pose_is_attitude else _arrays_at(dense, s)
+    if dense.y0.kind.rotation is None:
+        return _turning_at(dense, s)
     turning, moved = _of_rotation(dense), _arrays_at(dense, s)
-    turned = _rigid_state_at(turning, s) if turning.y0.pose_is_attitude else _arrays_at(turning, s)
-    return moved.made(turned, moved.linear, moved.position)
+    return moved.made(_turning_at(turning, s), moved.linear, moved.position)
+
+
+def _turning_at(dense: LieInterpolation, s: Array) -> Any:
+    return _rigid_state_at(dense, s) if dense.y0.leaves == (Rotation,) else _arrays_at(dense, s)
 
 
 def _of_rotation(dense: LieInterpolation) -> LieInterpolation:
@@ -122,10 +126,10 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     cubic = cp.add(cp.scale(end, vector), cp.subtract(cp.scale(slope1, change), cp.scale(slope0, difference)))
     p = 1 - end + end * rest[0] - slope1 * cp.dot(vector, difference), *cubic
     turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean), s * s * square), p))
-    attitude = RigidState.turn(poses[0], turn, jnp.array(False))
+    attitude = Rotation.turn(poses[0], turn, jnp.array(False))
     momentum = _rotated(cp.conjugate(turn), spatial)
     momentum, attitude = fuse(jax.tree.map(lambda x: x + invalid, (momentum, attitude)))
-    return unchecked(type(dense.y0), momentum, attitude)
+    return unchecked(dense.y0.kind, momentum, attitude)
 
 
 def _rotated(q: cp.Quaternion, v: cp.Vector) -> cp.Vector:
@@ -146,8 +150,8 @@ def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
 def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     """The state at the fraction s of the step; each array is interpolated by a cubic."""
     y0, y1, h = dense.y0, dense.y1, dense.h
-    rate0 = ambient_rate(y0, *y0.components((dense.velocity0, dense.torque0)))
-    rate1 = ambient_rate(y1, *y1.components((dense.velocity1, dense.torque1)))
+    rate0 = ambient_rate(y0, *y0.kind.components((dense.velocity0, dense.torque0)))
+    rate1 = ambient_rate(y1, *y1.kind.components((dense.velocity1, dense.torque1)))
     scaled = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
     start, end, slope0, slope1 = map(jax.tree.leaves, (y0, y1, *scaled))
     weights = _weights(s)

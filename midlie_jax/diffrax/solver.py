@@ -227,7 +227,7 @@ def _step(
     target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
     target, history, valid = fuse((target, history, valid))
     user_target = system.in_user_axes(target)
-    error = jax.tree.map(jnp.subtract, y1, unchecked(type(y1), user_target.momentum, user_target.pose))
+    error = jax.tree.map(jnp.subtract, y1, unchecked(y1.kind, user_target.momentum, user_target.pose))
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
     next_force = next_force if begins_with_force else jax.lax.stop_gradient(end_torque)

@@ -19,7 +19,8 @@ from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
-from ..model.state import AnyState, State
+from ..model.kind import Kind
+from ..model.state import State
 from ..model.states import SpinState
 from ..model.torques import TorqueLike
 
@@ -111,16 +112,17 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
     """The derivative of the arrays of the state y, under this velocity and torque or force."""
     momentum, pose = y.parts()
-    return unchecked(type(y), y.momentum_rate(momentum, velocity, force), y.rate(pose, velocity))
+    kind = y.kind
+    return unchecked(kind, kind.momentum_rate(momentum, velocity, force), kind.rate(pose, velocity))
 
 
-def unchecked(kind: type[AnyState], momentum: Any, pose: Any) -> Any:
+def unchecked(kind: Kind, momentum: Any, pose: Any) -> Any:
     """`kind.join`, traced and thus unchecked: the class would reject derivatives of quaternions for their length."""
     return _joined(kind)(momentum, pose)
 
 
 @cache
-def _joined(kind: type[AnyState]) -> Any:
+def _joined(kind: Kind) -> Any:
     return jax.jit(kind.join, inline=True)
 
 
@@ -136,7 +138,7 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for "
             "BacksolveAdjoint use a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
-    if y.compensated:
+    if y.kind.compensated:
         raise ValueError(
             "diffrax would lose the low parts of a CompensatedState; use a RigidState, or midlie_jax.integrate."
         )

@@ -162,7 +162,7 @@ def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, 
 
     def evaluated(arrays: Any) -> Any:
         torque, state, body = eqx.combine(arrays, rest)
-        force = state.force_of(on_body(torque, body)(jnp.zeros((), state.momentum.dtype), state))
+        force = state.kind.force_of(on_body(torque, body)(jnp.zeros((), state.momentum.dtype), state))
         return force.angular if isinstance(force, Momenta) else force
 
     return jax.eval_shape(evaluated, arrays)

@@ -77,11 +77,11 @@ def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> No
         raise ValueError(
             f"{kind} must be of a state with an attitude, got a {state} from the model; return a RigidState."
         )
-    if isinstance(m, Positions) and m.origin is not None and start.rotation is not None:
+    if isinstance(m, Positions) and m.origin is not None and start.kind.rotation is not None:
         raise ValueError(f"origin must be None for a body that translates, got one with a {state}; leave origin out.")
     if isinstance(m, Accelerations):
         in_model = torque is not None and without_gravity(torque) is not torque
-        if m.gravity is None and (start.rotation is None or not in_model):
+        if m.gravity is None and (start.kind.rotation is None or not in_model):
             raise ValueError(
                 "Accelerations must have gravity=, got None. Give it, such as (0, 0, -9.81) or zeros, or "
                 "UniformGravity in the torque of a body that translates."

@@ -14,6 +14,7 @@ from .._xla.keep import kept
 from .._xla.platform import on_cpu
 from ..model.bodies import Body
 from ..model.free_body import FreeInertia
+from ..model.kind import Kind
 from ..model.state import AnyState
 from ..model.states.members import Inertias
 from ..model.torques import without_bath
@@ -345,7 +346,7 @@ def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) 
 @eqx.filter_jit
 def _carry(
     flight: ExactFlight,
-    kind: type[AnyState],
+    kind: Kind,
     inertia: Any,
     h: Array,
     motion: AnyMotion,

@@ -14,6 +14,7 @@ from .._xla.replay import Traits, traits
 from ..model.bath import Bath
 from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
+from ..model.kind import Kind
 from ..model.state import AnyState, P, Q
 from ..model.states.members import Inertias
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
@@ -44,7 +45,7 @@ class System(NamedTuple):
     Attributes:
         inertia: the constants of the body, `Body.inertia()`.
         torque: a function of (t, state), or None.
-        kind: the class of the state.
+        kind: how a run moves the states.
         reads_momentum: whether the torque depends on the momentum, such as damping and control.
         costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
         long: whether the derivative of the torque is too long for one loop with the derivative of the flight.
@@ -55,7 +56,7 @@ class System(NamedTuple):
 
     inertia: Any
     torque: TorqueLike | None
-    kind: type[AnyState]
+    kind: Kind
     reads_momentum: bool
     costly: bool
     long: bool
@@ -86,7 +87,7 @@ class System(NamedTuple):
                 f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
             ) from error
         read = torque_traits.reads[1]
-        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
+        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
         return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)._replace(by_step=by_step)
 
     @classmethod
@@ -100,12 +101,12 @@ class System(NamedTuple):
         reads: bool,
         whole: bool,
     ) -> "System":
-        kind = type(start) if whole else start.kind_of_run(found)
+        kind = start.kind if whole else start.kind.of_run(start, found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         # A separately compiled torque already ends the loops around it; a torque on several bodies is always long.
         costly = found is not None and (found.costly or kind.several) and not kind.apart
-        long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
-        inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
+        long = found is not None and (found.operations if kind == start.kind else found.scalars) > _LONG_TORQUE
+        inertia, frame = kind.constants(inertia, frame)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
 
     @property
@@ -154,7 +155,7 @@ class System(NamedTuple):
         return split(tree) if self.costly else tree
 
     def motion(self, state: AnyState) -> AnyMotion:
-        motion: AnyMotion = Motion(*self.kind.parts_of(state))
+        motion: AnyMotion = Motion(*self.kind.parts(state))
         if self.frame is None:
             return motion
         return Motion(self.kind.vector_in(self.frame, motion.momentum), self.kind.pose_in(self.frame, motion.pose))
@@ -331,7 +332,7 @@ def _zeros(momentum: P) -> P:
     return jax.tree.map(jnp.zeros_like, momentum)
 
 
-def _check_force(kind: type[AnyState], returned: Any, momentum: Any) -> None:
+def _check_force(kind: Kind, returned: Any, momentum: Any) -> None:
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
         if kind.several:
             shapes = sorted({str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned)})

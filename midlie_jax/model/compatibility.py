@@ -13,6 +13,7 @@ from .free_body import FreeBody
 from .masses import check_fits
 from .spins import Spins
 from .state import AnyState, State
+from .states import TravellingState
 from .torques import Torque, terms_of
 
 
@@ -27,8 +28,9 @@ def check_body(body: Any, state: AnyState) -> None:
     """Raises unless the body is of the kind to which the state belongs."""
     if not state.belongs_to(principal_of(body)):
         kind = state.body.__name__
-        if state.rotation is not None and isinstance(body, FreeBody):
-            of, made = state.rotation.body.__name__, f"FreeBody(midlie_jax.{state.rotation.body.__name__}(...), mass)"
+        if isinstance(state, TravellingState) and isinstance(body, FreeBody):
+            of = state.rotation.body.__name__
+            made = f"FreeBody(midlie_jax.{of}(...), mass)"
             raise ValueError(
                 f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a "
                 f"{body_named(body)}; make one with midlie_jax.{made}."

@@ -17,8 +17,9 @@ from .._math import components as cp
 from .._math.powers import unit
 from .bodies import RigidBody
 from .free_body import FreeBody
+from .leaf import needs_attitude
 from .rotor import Rotor
-from .state import AnyState, needs_attitude
+from .state import AnyState
 from .wrench import Wrench
 
 # A moment smaller than the largest by this factor, the spacing of the dtype to this power, is rounding: the points are

@@ -204,7 +204,7 @@ def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bo
         orbital = np.cross(states.position, states.linear)
         size = np.nanmax(_sizes(states, orbital) + _sizes(states, states.momentum), axis=-1, keepdims=True)
     kept = ALL if balanced else kept_by(torque)
-    if isinstance(kept, Kept) and states.has_pose:
+    if isinstance(kept, Kept) and states.kind.has_pose:
         along = _along(states, kept.direction / (np.linalg.norm(kept.direction) or 1.0))
         values = _relative(np.abs(along - along[..., :1]), size)
         formula = f"|π{kept.letter} - π{kept.letter}₀| / {letter}"
@@ -323,7 +323,7 @@ def _forces_on(body: Any, torque: Any, times: np.ndarray, states: Any) -> Any:
     bound: Any = on_body(torque, body)
 
     def at(t: Any, state: Any) -> Any:
-        return type(state).force_of(bound(t, state))
+        return state.kind.force_of(bound(t, state))
 
     return jax.jit(jax.vmap(at))(jnp.asarray(times, jnp.result_type(float)), states)
 

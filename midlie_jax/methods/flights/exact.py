@@ -14,7 +14,7 @@ from jax import Array
 from ..._math import components as cp
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
-from ...model.state import AnyState
+from ...model.kind import Kind
 from .base import JudgedFlight
 from .turn_tangent import Changes, with_zeros
 
@@ -79,7 +79,7 @@ class ExactFlight(JudgedFlight):
 
     def carry(
         self,
-        kind: type[AnyState],
+        kind: Kind,
         inertia: Inertia,
         h: Array,
         momentum: cp.Vector,
@@ -122,7 +122,7 @@ def _turned(chi: cp.Vector, increment: cp.Quaternion) -> cp.Quaternion:
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _carry(
     flight: ExactFlight,
-    kind: type[AnyState],
+    kind: Kind,
     inertia: Inertia,
     h: Array,
     momentum: cp.Vector,
@@ -134,7 +134,7 @@ def _carry(
     return flown, kind.turn(pose, flown.increment, no_step) if known is None else known.pose
 
 
-def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
+def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The tangent of `carry`: the initial pose rotates by chi and by its own change, and the flight carries both."""
     *_, pose, no_step = primals
     flown, end = _carry(flight, kind, *primals)

@@ -8,9 +8,10 @@ fuse it into the loop, which would then branch at every entry.
 """
 
 from collections.abc import Callable
-from functools import cache, lru_cache, partial
+from dataclasses import dataclass
+from functools import cache, partial
 from math import prod
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from jax import Array
 
 from ..._math import components as cp
 from ..._xla.apart import apart
-from ...model.states.spin import SpinState
+from ...model.states.spin import OnLattice, SpinState
 from ...model.torques.neighbours import Near, NeighbourField
 from ...model.torques.spins import AppliedField, OwnField
 from ..system import System
@@ -28,14 +29,14 @@ from ..system import System
 _MOST_AXES = 4  # for which the bits of an entry fit one byte
 
 
-class CheckeredState(SpinState):
-    """Spins in a run; `parts` are both rows. `checkered_kind` makes one class for each lattice."""
+@dataclass(frozen=True)
+class CheckeredSpins(OnLattice):
+    """Spins in a run; `parts` are both rows."""
 
-    lattice: ClassVar[tuple[int, ...]]
+    lattice: tuple[int, ...]
 
-    @classmethod
-    def parts_of(cls, state: Any) -> tuple[Any, tuple[()]]:
-        odd = _parity(cls.lattice)
+    def parts(self, state: Any) -> tuple[Any, tuple[()]]:
+        odd = _parity(self.lattice)
 
         def rows(x: Array) -> tuple[Array, Array]:
             pairs = x.reshape(*x.shape[:-1], -1, 2)
@@ -45,27 +46,27 @@ class CheckeredState(SpinState):
         x, y, z = (rows(component) for component in cp.vector(state.spin))
         return ((x[0], y[0], z[0]), (x[1], y[1], z[1])), ()
 
-    @classmethod
-    def join(cls, momentum: Any, pose: tuple[()]) -> SpinState:
+    def join(self, momentum: Any, pose: tuple[()]) -> SpinState:
         del pose
-        odd, shape = _parity(cls.lattice), (*cls.lattice[:-1], -1)
+        odd, shape = _parity(self.lattice), (*self.lattice[:-1], -1)
 
         def whole(a: Array, b: Array) -> Array:
             a, b = a.reshape(shape), b.reshape(shape)
             pairs = jnp.stack([jnp.where(odd, b, a), jnp.where(odd, a, b)], axis=-1)
-            return pairs.reshape(cls.lattice)
+            return pairs.reshape(self.lattice)
 
         x, y, z = (whole(a, b) for a, b in zip(*momentum, strict=True))
         return SpinState.unchecked(spin=cp.pack((x, y, z)))
 
-    @classmethod
-    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: tuple[()]) -> tuple[Any, Any]:
-        return SpinState.evaluate(function, t, *cls.join(momentum, pose).parts())
+    def evaluate(
+        self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: tuple[()]
+    ) -> tuple[Any, Any]:
+        whole = self.join(momentum, pose)
+        return whole.kind.evaluate(function, t, *whole.parts())
 
 
-@lru_cache(maxsize=256)
-def checkered_kind(lattice: tuple[int, ...]) -> type[CheckeredState]:
-    return type("CheckeredState", (CheckeredState,), {"lattice": lattice, "__module__": __name__})
+def checkered_kind(lattice: tuple[int, ...]) -> CheckeredSpins:
+    return CheckeredSpins(SpinState, SpinState.leaves, lattice)
 
 
 def _row(lattice: tuple[int, ...]) -> tuple[int, ...]:

@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -11,8 +10,10 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from .. import so3
+from ..kind import Leaves
+from ..leaf import Described, Leaf, needs_attitude
 from ..rotor import Rotor
-from ..state import Described, State, needs_attitude
+from ..state import State
 from .length import length_correction
 from .rigid import RigidState
 from .unit_vector import of_unit_length, shifted, turn_between, turned
@@ -47,7 +48,92 @@ class Swing(NamedTuple):
         return cls(vector, square, double * cosine, double * sinc)
 
 
-class AxisState(State[cp.Vector, cp.Vector]):
+class Axis(Leaf):
+    """A momentum and an axis of symmetry, both in space."""
+
+    freedom: ClassVar[int] = 5
+    in_space: ClassVar[bool] = True
+    about: ClassVar[tuple[Described, ...]] = ((("space_axis",), SPATIAL_MOMENTUM), (("space_axis",), AXIS))
+
+    @staticmethod
+    def rotate(pose: cp.Vector, increment: Swing) -> cp.Vector:
+        return cp.add(pose, _swung(pose, increment, jnp.zeros_like(increment.square)))
+
+    @staticmethod
+    def turn(pose: cp.Vector, increment: Swing, no_step: Array) -> cp.Vector:
+        # The correction of the length points along the new axis; otherwise errors would grow.
+        return cp.add(pose, _swung(pose, increment, length_correction(cp.dot(pose, pose), no_step)))
+
+    @staticmethod
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+        return shifted(pose, change, no_step)
+
+    @staticmethod
+    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(velocity, pose)
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        return force
+
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: cp.Vector, noise: cp.Vector) -> cp.Vector:
+        return cls.bathed_in_space(exposure, root, momentum, pose, noise)
+
+    @classmethod
+    def bathed_in_space(
+        cls, exposure: Any, root: Any, vector: cp.Vector, pose: cp.Vector, noise: cp.Vector
+    ) -> cp.Vector:
+        """The change of a vector across the axis, plus the difference along the axis."""
+        (lost, _, lost_along), (spread, _, spread_along) = exposure.lost, exposure.spread
+        own, pushed = (lost_along - lost) * cp.dot(pose, vector), (spread_along - spread) * cp.dot(pose, noise)
+        if root is not None:
+            spread, pushed = root * spread, root * pushed
+        across = cp.subtract(cp.scale(spread, noise), cp.scale(lost, vector))
+        return cp.add(across, cp.scale(pushed - own, pose))
+
+    @staticmethod
+    def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return vector
+
+    @staticmethod
+    def to_body(owner: Any, pose: cp.Vector, vector: cp.Vector) -> cp.Vector:
+        raise needs_attitude(owner)
+
+    @staticmethod
+    def from_body(owner: Any, pose: cp.Vector, vector: Any) -> cp.Vector:
+        """NaN if the vector in the body is not along its axis of symmetry."""
+        a, b, c = vector
+        if not cp.is_traced(vector) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
+            raise ValueError(
+                f"an {type(owner).__name__} holds only the third axis of the body, but a torque acts on "
+                "another direction; use a RigidState."
+            )
+        along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
+        return cp.scale(along, pose)
+
+    @staticmethod
+    def to_space(owner: Any, pose: cp.Vector, vector: cp.Vector) -> cp.Vector:
+        return vector
+
+    @staticmethod
+    def spatial_momentum(owner: Any, *arrays: Array) -> Array:
+        return arrays[0]
+
+    @staticmethod
+    def normalised(*arrays: Array) -> tuple[Array, ...]:
+        return arrays[0], of_unit_length(arrays[1])
+
+    @staticmethod
+    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
+        return arrays[0] + increment[..., :3], turned(arrays[1], increment[..., 3:])
+
+    @staticmethod
+    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
+        return jnp.concatenate([arrays[0] - others[0], turn_between(others[1], arrays[1])], axis=-1)
+
+
+class AxisState(State):
     """The angular momentum and the axis of a body with an axis of symmetry, both in space: six numbers.
 
     Torques and velocities are also in the space frame. The methods SYMMETRIC[...] and the Runge-Kutta methods support
@@ -71,6 +157,7 @@ class AxisState(State[cp.Vector, cp.Vector]):
     momentum: Float[Array, "*batch 3"]
     axis: Float[Array, "*batch 3"]
     body: ClassVar[type] = Rotor
+    leaves: ClassVar[Leaves] = (Axis,)
 
     def __init__(self, momentum: Any, axis: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
@@ -100,94 +187,6 @@ class AxisState(State[cp.Vector, cp.Vector]):
         """A `RigidState` with this momentum and axis; the smallest rotation from z defines its spin angle."""
         attitude = _shortest_turn_from_z(self.axis)
         return RigidState(so3.rotate(so3.conjugate(attitude), self.momentum), attitude)
-
-    def parts(self) -> tuple[cp.Vector, cp.Vector]:
-        return cp.vector(self.momentum), cp.vector(self.axis)
-
-    @classmethod
-    def join(cls, momentum: cp.Vector, pose: cp.Vector) -> "AxisState":
-        return cls(cp.pack(momentum), cp.pack(pose))
-
-    @staticmethod
-    def rotate(pose: cp.Vector, increment: Swing) -> cp.Vector:
-        return cp.add(pose, _swung(pose, increment, jnp.zeros_like(increment.square)))
-
-    @staticmethod
-    def turn(pose: cp.Vector, increment: Swing, no_step: Array) -> cp.Vector:
-        # The correction of the length points along the new axis; otherwise errors would grow.
-        return cp.add(pose, _swung(pose, increment, length_correction(cp.dot(pose, pose), no_step)))
-
-    @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-        return shifted(pose, change, no_step)
-
-    @staticmethod
-    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
-        return cp.cross(velocity, pose)
-
-    @staticmethod
-    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        del momentum, velocity
-        return force
-
-    @classmethod
-    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: cp.Vector, noise: cp.Vector) -> cp.Vector:
-        return cls.bathed_in_space(exposure, root, momentum, pose, noise)
-
-    @classmethod
-    def bathed_in_space(
-        cls, exposure: Any, root: Any, vector: cp.Vector, pose: cp.Vector, noise: cp.Vector
-    ) -> cp.Vector:
-        """The change of a vector across the axis, plus the difference along the axis."""
-        (lost, _, lost_along), (spread, _, spread_along) = exposure.lost, exposure.spread
-        own, pushed = (lost_along - lost) * cp.dot(pose, vector), (spread_along - spread) * cp.dot(pose, noise)
-        if root is not None:
-            spread, pushed = root * spread, root * pushed
-        across = cp.subtract(cp.scale(spread, noise), cp.scale(lost, vector))
-        return cp.add(across, cp.scale(pushed - own, pose))
-
-    @staticmethod
-    def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
-        del frame
-        return vector
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        raise needs_attitude(self)
-
-    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
-        """Both vectors in the space frame; NaN if the vector in the body is not along its axis of symmetry."""
-        a, b, c = of_body
-        if not cp.is_traced(of_body) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
-            raise ValueError(
-                f"an {type(self).__name__} holds only the third axis of the body, but a torque acts on "
-                "another direction; use a RigidState."
-            )
-        along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
-        return cp.scale(along, cp.vector(self.axis)), (0.0, 0.0, 1.0) if of_space is None else of_space
-
-    def to_space(self, vector: cp.Vector) -> cp.Vector:
-        return vector
-
-    def spatial_momentum(self) -> Array:
-        return self.momentum
-
-    def normalised(self) -> "AxisState":
-        return eqx.tree_at(lambda s: s.axis, self, of_unit_length(self.axis))
-
-    def plus(self, increment: Array) -> "AxisState":
-        """The state with the momentum changed by increment[..., :3] and the axis rotated by increment[..., 3:], (2,).
-
-        The second part lies in the plane perpendicular to the axis.
-        """
-        return AxisState(self.momentum + increment[..., :3], turned(self.axis, increment[..., 3:]))
-
-    def minus(self, other: Any) -> Array:
-        """The change of the momentum, and the rotation (2,) of the axis, from another state to this one."""
-        return jnp.concatenate([self.momentum - other.momentum, turn_between(other.axis, self.axis)], axis=-1)
-
-    @classmethod
-    def described(cls) -> Described:
-        return {"momentum": (("space_axis",), SPATIAL_MOMENTUM), "axis": (("space_axis",), AXIS)}
 
 
 def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:

@@ -13,9 +13,10 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require_finite
 from ..._math import components as cp
-from ..state import Described
+from ..kind import Kind, Leaves
+from ..leaf import Described
 from .momentum import BODY_MOMENTUM
-from .rigid import RigidState, shift_change, turn_change
+from .rigid import RigidState, Rotation, shift_change, turn_change
 
 
 class CompensatedPose(NamedTuple):
@@ -24,6 +25,76 @@ class CompensatedPose(NamedTuple):
     attitude: cp.Quaternion
     low_attitude: cp.Quaternion
     low_momentum: cp.Vector
+
+
+_LOST = "rounding error of the {}, to be added to it"
+
+
+class Compensated(Rotation):
+    """A rotation that stores the rounding errors of its sums."""
+
+    arrays: ClassVar[int] = 4
+    compensated: ClassVar[bool] = True
+    about: ClassVar[tuple[Described, ...]] = (
+        *Rotation.about,
+        (("axis",), BODY_MOMENTUM | {"long_name": _LOST.format("momentum")}),
+        (("quaternion",), {"long_name": _LOST.format("attitude"), "units": "1", "frame": "body to space"}),
+    )
+
+    @classmethod
+    def pose(cls, *arrays: Array) -> Any:
+        attitude, low_momentum, low_attitude = arrays
+        return CompensatedPose(cp.quaternion(attitude), cp.quaternion(low_attitude), cp.vector(low_momentum))
+
+    @staticmethod
+    def packed(momentum: cp.Vector, pose: Any) -> tuple[Array, ...]:
+        attitude, low_attitude, low_momentum = map(cp.pack, pose)
+        return cp.pack(momentum), attitude, low_momentum, low_attitude
+
+    @staticmethod
+    def push(momentum: cp.Vector, pose: Any, change: cp.Vector) -> tuple[cp.Vector, Any]:
+        momentum, low = cp.compensated(momentum, pose.low_momentum, change)
+        return momentum, pose._replace(low_momentum=low)
+
+    @staticmethod
+    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
+        return CompensatedPose(
+            Rotation.rotate(pose.attitude, increment),
+            Rotation.rotate(pose.low_attitude, increment),
+            cp.rotate_back(increment, pose.low_momentum),
+        )
+
+    @staticmethod
+    def turn(pose: Any, increment: cp.Quaternion, no_step: Array) -> Any:
+        return _changed(pose, turn_change(pose.attitude, increment, no_step))
+
+    @staticmethod
+    def shift(pose: Any, change: Any, no_step: Array) -> Any:
+        return _changed(pose, shift_change(pose.attitude, change.attitude, no_step))
+
+    @staticmethod
+    def rate(pose: Any, velocity: cp.Vector) -> Any:
+        zero = jnp.zeros_like(velocity[0])
+        return CompensatedPose(Rotation.rate(pose.attitude, velocity), (zero, zero, zero, zero), (zero, zero, zero))
+
+    @staticmethod
+    def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
+        return Rotation.to_body(owner, pose.attitude, vector)
+
+    @classmethod
+    def vertical(cls, owner: Any, pose: Any) -> cp.Vector:
+        return Rotation.vertical(owner, pose.attitude)
+
+    @staticmethod
+    def to_space(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
+        return Rotation.to_space(owner, pose.attitude, vector)
+
+
+class SeenAsRigid(Kind):
+    """A kind whose torque receives a `RigidState`."""
+
+    def evaluate(self, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> tuple[Any, Any]:
+        return Kind(RigidState, RigidState.leaves).evaluate(function, t, momentum, pose.attitude)
 
 
 class CompensatedState(RigidState):
@@ -51,8 +122,7 @@ class CompensatedState(RigidState):
 
     low_momentum: Float[Array, "*batch 3"]
     low_attitude: Float[Array, "*batch 4"]
-    compensated: ClassVar[bool] = True
-    pose_is_attitude: ClassVar[bool] = False
+    leaves: ClassVar[Leaves] = (Compensated,)
 
     def __init__(self, momentum: Any, attitude: Any, low_momentum: Any = None, low_attitude: Any = None):
         momentum, attitude = as_floats("momentum", momentum, (3,)), as_floats("attitude", attitude, (4,))
@@ -60,53 +130,9 @@ class CompensatedState(RigidState):
         self.low_attitude = _low_part("low_attitude", low_attitude, attitude)
         super().__init__(momentum, attitude)
 
-    def parts(self) -> tuple[cp.Vector, Any]:
-        attitude, low_attitude = cp.quaternion(self.attitude), cp.quaternion(self.low_attitude)
-        return cp.vector(self.momentum), CompensatedPose(attitude, low_attitude, cp.vector(self.low_momentum))
-
-    @classmethod
-    def join(cls, momentum: cp.Vector, pose: Any) -> "CompensatedState":
-        attitude, low_attitude, low_momentum = map(cp.pack, pose)
-        return cls(cp.pack(momentum), attitude, low_momentum, low_attitude)
-
-    @staticmethod
-    def push(momentum: cp.Vector, pose: Any, change: cp.Vector) -> tuple[cp.Vector, Any]:
-        momentum, low = cp.compensated(momentum, pose.low_momentum, change)
-        return momentum, pose._replace(low_momentum=low)
-
-    @staticmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
-        return CompensatedPose(
-            RigidState.rotate(pose.attitude, increment),
-            RigidState.rotate(pose.low_attitude, increment),
-            cp.rotate_back(increment, pose.low_momentum),
-        )
-
-    @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, no_step: Array) -> Any:
-        return _changed(pose, turn_change(pose.attitude, increment, no_step))
-
-    @staticmethod
-    def shift(pose: Any, change: Any, no_step: Array) -> Any:
-        return _changed(pose, shift_change(pose.attitude, change.attitude, no_step))
-
-    @staticmethod
-    def rate(pose: Any, velocity: cp.Vector) -> Any:
-        zero = jnp.zeros_like(velocity[0])
-        return CompensatedPose(RigidState.rate(pose.attitude, velocity), (zero, zero, zero, zero), (zero, zero, zero))
-
-    @classmethod
-    def evaluate(cls, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> tuple[Any, Any]:
-        return RigidState.evaluate(function, t, momentum, pose.attitude)
-
-    @classmethod
-    def described(cls) -> Described:
-        lost = "rounding error of the {}, to be added to it"
-        attitude = {"long_name": lost.format("attitude"), "units": "1", "frame": "body to space"}
-        return super().described() | {
-            "low_momentum": (("axis",), BODY_MOMENTUM | {"long_name": lost.format("momentum")}),
-            "low_attitude": (("quaternion",), attitude),
-        }
+    @property
+    def kind(self) -> Kind:
+        return SeenAsRigid(type(self), self.leaves)
 
 
 def _changed(pose: CompensatedPose, change: cp.Quaternion) -> CompensatedPose:

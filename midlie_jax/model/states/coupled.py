@@ -18,24 +18,48 @@ from ..._math import components as cp
 from ..._xla.apart import apart
 from ..._xla.fusion import split
 from ..._xla.replay import Traits
-from ..state import Described, State
+from ..kind import Kind
+from ..leaf import Described
+from ..state import State
 from .axis import AxisState
 from .free import FreeAxisState, FreeState
-from .members import MEMBERS_MOST, OPERATIONS_MOST, Members
+from .members import MEMBERS_MOST, OPERATIONS_MOST, Unrolled
 from .rigid import RigidState
 
 
-class Coupled(State[Any, Any]):
-    """Common part of the states of coupled bodies, mixed into a one-body state.
+class SideBySide(Kind):
+    """Coupled bodies side by side, as components (N,)."""
 
-    Attributes:
-        in_components: the class that unrolls a few bodies into scalars.
-    """
+    several: ClassVar[bool] = True
+    apart: ClassVar[bool] = True
+
+    def of_run(self, state: Any, torque: Traits | None) -> Kind:
+        """Unrolled into scalars for few bodies and a short function."""
+        short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
+        return Unrolled(self.of, self.leaves, state.count) if state.count <= MEMBERS_MOST and short else self
+
+    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
+        # If stacked directly, the preceding flight and its parts would be repeated for each number of the arrays.
+        state = self.join(*split((momentum, pose)))
+        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, state)
+        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
+        return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+
+
+class Coupled(State):
+    """Common part of the states of coupled bodies, mixed into a one-body state: `class Pairs(Coupled, RigidState)`."""
 
     own_axes: ClassVar[int] = 2
     several: ClassVar[bool] = True
-    apart: ClassVar[bool] = True
-    in_components: ClassVar[type[Members]]
+
+    @classmethod
+    def member(cls) -> type[Any]:
+        """The class of the state of one body."""
+        return cls.__mro__[cls.__mro__.index(Coupled) + 1]
+
+    @property
+    def kind(self) -> Kind:
+        return SideBySide(type(self), self.leaves)
 
     @property
     def count(self) -> int:
@@ -45,28 +69,14 @@ class Coupled(State[Any, Any]):
     @classmethod
     def of_bodies(cls, bodies: Any) -> Any:
         """The state of N bodies, from their states as one batch, such as a `FreeState` with arrays (..., N, 3)."""
-        wanted = cls.in_components.member
+        wanted, made = cls.member(), cls
         if type(bodies) is not wanted:
             raise ValueError(f"bodies must be a {wanted.__name__} with arrays (..., N, 3), got {described(bodies)}.")
-        return cls(*(getattr(bodies, name) for name in cls.described()))
+        return made(*(getattr(bodies, name) for name in cls.described()))
 
     def of_body(self, i: Any) -> Any:
         """The state of body i alone, such as a `FreeState`; for slice(None), the states of all bodies as a batch."""
-        rows = {name: getattr(self, name)[..., i, :] for name in self.described()}
-        return self.in_components.member.unchecked(**rows)
-
-    def kind_of_run(self, torque: Traits | None) -> type[State[Any, Any]]:
-        """The class in whose form a run moves the bodies: unrolled into scalars for few bodies and a short function."""
-        short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
-        return self.in_components if self.count <= MEMBERS_MOST and short else type(self)
-
-    @classmethod
-    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        # If stacked directly, the preceding flight and its parts would be repeated for each number of the arrays.
-        state = cls.join(*split((momentum, pose)))
-        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, state)
-        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
-        return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+        return self.member().unchecked(**{name: getattr(self, name)[..., i, :] for name in self.described()})
 
     def check_batch(self) -> None:
         for name in self.described():
@@ -74,7 +84,7 @@ class Coupled(State[Any, Any]):
             if len(shape) < 2 or not shape[-2]:
                 raise ValueError(
                     f"{name} must be (..., N, {shape[-1]}) for N bodies, got {shape}; for one body use a "
-                    f"{self.in_components.member.__name__}."
+                    f"{self.member().__name__}."
                 )
         super().check_batch()
         counts = {name: getattr(self, name).shape[-2] for name in self.described()}
@@ -105,28 +115,12 @@ class Coupled(State[Any, Any]):
         return increment.reshape(*increment.shape[:-2], -1)
 
     @classmethod
-    def described(cls) -> Described:
+    def described(cls) -> dict[str, Described]:
         return {name: (("member", *axes), about) for name, (axes, about) in super().described().items()}
 
 
 def _acts_on_one() -> ValueError:
     return ValueError("this torque acts on one body; for several coupled bodies use midlie_jax.torques.OnEach(torque).")
-
-
-class MembersFree(Members):
-    member: ClassVar[Any] = FreeState
-
-
-class MembersRigid(Members):
-    member: ClassVar[Any] = RigidState
-
-
-class MembersAxis(Members):
-    member: ClassVar[Any] = AxisState
-
-
-class MembersFreeAxis(Members):
-    member: ClassVar[Any] = FreeAxisState
 
 
 class CoupledState(Coupled, FreeState):
@@ -156,8 +150,6 @@ class CoupledState(Coupled, FreeState):
         Array([10.,  0.,  0.], dtype=float64)
     """
 
-    in_components: ClassVar[type[Members]] = MembersFree
-
     def __init__(self, momentum: Any, attitude: Any, linear: Any, position: Any):
         FreeState.__init__(self, momentum, attitude, linear, position)
 
@@ -184,8 +176,6 @@ class CoupledRigidState(Coupled, RigidState):
         Array(2.44, dtype=float64)
     """
 
-    in_components: ClassVar[type[Members]] = MembersRigid
-
     def __init__(self, momentum: Any, attitude: Any):
         RigidState.__init__(self, momentum, attitude)
 
@@ -209,8 +199,6 @@ class CoupledAxisState(Coupled, AxisState):
         >>> ml.energy(ml.Rotor(1.0), ml.torques.FromPotential(align), chain)
         Array(-3., dtype=float64)
     """
-
-    in_components: ClassVar[type[Members]] = MembersAxis
 
     def __init__(self, momentum: Any, axis: Any):
         AxisState.__init__(self, momentum, axis)
@@ -240,11 +228,5 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
                [ 0. ,  0.5,  3. ]], dtype=float64)
     """
 
-    in_components: ClassVar[type[Members]] = MembersFreeAxis
-
     def __init__(self, momentum: Any, axis: Any, linear: Any, position: Any):
         FreeAxisState.__init__(self, momentum, axis, linear, position)
-
-
-for _kind in (CoupledState, CoupledRigidState, CoupledAxisState, CoupledFreeAxisState):
-    _kind.in_components.whole = _kind

@@ -1,14 +1,15 @@
 """`MomentumState`, and the description of a body-frame momentum for files."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from jax import Array
 from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require_finite
-from ..._math import components as cp
-from ..state import BodyState, Described
-from .without_pose import WithoutPose
+from ..bodies import RigidBody
+from ..kind import Leaves
+from ..leaf import BodyLeaf, Described, NoPose
+from ..state import State
 
 BODY_MOMENTUM = {
     "long_name": "angular momentum in the body frame, about the fixed point or the centre of mass",
@@ -17,7 +18,13 @@ BODY_MOMENTUM = {
 }
 
 
-class MomentumState(WithoutPose, BodyState[tuple[()]]):
+class BodyMomentum(NoPose, BodyLeaf):
+    """A momentum in the body frame alone."""
+
+    about: ClassVar[tuple[Described, ...]] = ((("axis",), BODY_MOMENTUM),)
+
+
+class MomentumState(State):
     """The state of a rigid body without its attitude: three numbers.
 
     Attributes:
@@ -31,19 +38,9 @@ class MomentumState(WithoutPose, BodyState[tuple[()]]):
     """
 
     momentum: Float[Array, "*batch 3"]
+    body: ClassVar[type] = RigidBody
+    leaves: ClassVar[Leaves] = (BodyMomentum,)
 
     def __init__(self, momentum: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         require_finite("momentum", self.momentum)
-
-    def parts(self) -> tuple[cp.Vector, tuple[()]]:
-        return cp.vector(self.momentum), ()
-
-    @classmethod
-    def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "MomentumState":
-        del pose
-        return cls(cp.pack(momentum))
-
-    @classmethod
-    def described(cls) -> Described:
-        return {"momentum": (("axis",), BODY_MOMENTUM)}

@@ -1,6 +1,5 @@
 """`ParticleState`: momenta and positions, as arrays of any shape."""
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax
@@ -10,10 +9,53 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require_finite
 from ..bodies import Particles
-from ..state import Described, State
+from ..kind import Kind, Leaves
+from ..leaf import Described, Flat
+from ..state import State
 
 
-class ParticleState(State[Array, Array]):
+class Positions(Flat):
+    """Momenta and positions as arrays of any shape, which steps do not split."""
+
+    about: ClassVar[tuple[Described, ...]] = (
+        ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
+        ((), {"long_name": "position", "units": "length", "frame": "space"}),
+    )
+
+    @staticmethod
+    def components(arrays: Any) -> Any:
+        return arrays
+
+    @staticmethod
+    def packed(momentum: Array, pose: Array) -> tuple[Array, ...]:
+        return momentum, pose
+
+    @staticmethod
+    def rotate(pose: Array, increment: Array) -> Array:
+        return pose + increment
+
+    @staticmethod
+    def turn(pose: Array, increment: Array, no_step: Array) -> Array:
+        return pose + increment
+
+    @staticmethod
+    def rate(pose: Array, velocity: Array) -> Array:
+        return velocity
+
+    @staticmethod
+    def momentum_rate(momentum: Array, velocity: Array, force: Array) -> Array:
+        return force
+
+
+class OnArrays(Kind):
+    """A kind whose torque is evaluated on the arrays of the steps."""
+
+    def evaluate(self, function: Any, t: Array, momentum: Array, pose: Array) -> tuple[Any, Any]:
+        value = function(t, self.join(momentum, pose))
+        return value, jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
+
+
+class ParticleState(State):
     """Positions and momenta of particles.
 
     Attributes:
@@ -35,6 +77,7 @@ class ParticleState(State[Array, Array]):
     momentum: Float[Array, "..."]
     position: Float[Array, "..."]
     body: ClassVar[type] = Particles
+    leaves: ClassVar[Leaves] = (Positions,)
     own_axes: ClassVar[int] = 0  # the arrays can have any shape, so no axes are known to be a batch
 
     def __init__(self, momentum: Any, position: Any):
@@ -45,57 +88,6 @@ class ParticleState(State[Array, Array]):
         if self.momentum.shape != self.position.shape:
             raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
 
-    def parts(self) -> tuple[Array, Array]:
-        return self.momentum, self.position
-
-    @classmethod
-    def join(cls, momentum: Array, pose: Array) -> "ParticleState":
-        return cls(momentum, pose)
-
-    @staticmethod
-    def rotate(pose: Array, increment: Array) -> Array:
-        return pose + increment
-
-    @staticmethod
-    def turn(pose: Array, increment: Array, no_step: Array) -> Array:
-        del no_step
-        return pose + increment
-
-    @staticmethod
-    def shift(pose: Array, change: Array, no_step: Array) -> Array:
-        del no_step
-        return pose + change
-
-    @staticmethod
-    def rate(pose: Array, velocity: Array) -> Array:
-        del pose
-        return velocity
-
-    @staticmethod
-    def momentum_rate(momentum: Array, velocity: Array, force: Array) -> Array:
-        del momentum, velocity
-        return force
-
-    @staticmethod
-    def components(arrays: Any) -> Any:
-        return arrays
-
-    @classmethod
-    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Array, pose: Array) -> tuple[Any, Any]:
-        value = function(t, cls.join(momentum, pose))
-        return value, jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
-
-    def plus(self, increment: Array) -> "ParticleState":
-        momentum, position = jnp.split(increment, 2, axis=-1)
-        shape = self.momentum.shape
-        return ParticleState(self.momentum + momentum.reshape(shape), self.position + position.reshape(shape))
-
-    def minus(self, other: Any) -> Array:
-        return jnp.concatenate([(self.momentum - other.momentum).ravel(), (self.position - other.position).ravel()])
-
-    @classmethod
-    def described(cls) -> Described:
-        return {
-            "momentum": ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
-            "position": ((), {"long_name": "position", "units": "length", "frame": "space"}),
-        }
+    @property
+    def kind(self) -> Kind:
+        return OnArrays(type(self), self.leaves)

@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -11,47 +10,28 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from .. import so3
-from ..state import AnyState, BodyState, Described, needs_attitude
+from ..bodies import RigidBody
+from ..kind import Leaves
+from ..leaf import BodyLeaf, Described, needs_attitude
+from ..state import AnyState, State
 from .length import length_correction
 from .momentum import BODY_MOMENTUM
 
 
-class RigidState(BodyState[cp.Quaternion]):
-    """The momentum and attitude of a rigid body: seven numbers.
+class Rotation(BodyLeaf):
+    """A momentum in the body frame, and the attitude as a unit quaternion."""
 
-    Attributes:
-        momentum: body-frame angular momentum Pi, (..., 3).
-        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
-
-    Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
-
-    Examples:
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))  # tilted by 0.3 rad
-        >>> ml.spatial_momentum(start).round(4)
-        Array([  0.    , -14.776 ,  47.7668], dtype=float64)
-        >>> many = ml.RigidState(jnp.ones((1000, 3)), jnp.tile(start.attitude, (1000, 1)))  # for an ensemble
-        >>> many.momentum.shape, many.attitude.shape
-        ((1000, 3), (1000, 4))
-    """
-
-    momentum: Float[Array, "*batch 3"]
-    attitude: Float[Array, "*batch 4"]
-    pose_is_attitude: ClassVar[bool] = True
-
-    def __init__(self, momentum: Any, attitude: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        self.attitude = as_floats("attitude", attitude, (4,))
-        self.check_batch()
-        require_finite("momentum", self.momentum)
-        require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
-
-    def parts(self) -> tuple[cp.Vector, cp.Quaternion]:
-        return cp.vector(self.momentum), cp.quaternion(self.attitude)
-
-    @classmethod
-    def join(cls, momentum: cp.Vector, pose: cp.Quaternion) -> "RigidState":
-        return cls(cp.pack(momentum), cp.pack(pose))
+    about: ClassVar[tuple[Described, ...]] = (
+        (("axis",), BODY_MOMENTUM),
+        (
+            ("quaternion",),
+            {
+                "long_name": "unit quaternion, scalar first, that takes body components to space components",
+                "units": "1",
+                "frame": "body to space",
+            },
+        ),
+    )
 
     @staticmethod
     def rotate(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
@@ -77,45 +57,77 @@ class RigidState(BodyState[cp.Quaternion]):
     ) -> cp.Vector:
         return cp.rotate(pose, exposure.change(root, cp.rotate_back(pose, vector), noise))
 
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        return cp.rotate_back(cp.quaternion(self.attitude), vector)
-
-    def vertical(self) -> cp.Vector:
-        w, x, y, z = cp.quaternion(self.attitude)
-        return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
-
-    def to_space(self, vector: cp.Vector) -> cp.Vector:
-        return cp.add(vector, cp.unit_rotation_change(cp.quaternion(self.attitude), vector))
-
-    def spatial_momentum(self) -> Array:
-        return so3.rotate(self.attitude, self.momentum)
-
-    def normalised(self) -> "RigidState":
-        length = jnp.sqrt(jnp.sum(self.attitude**2, axis=-1, keepdims=True))
-        return eqx.tree_at(lambda s: s.attitude, self, self.attitude / length)
-
-    def plus(self, increment: Array) -> "RigidState":
-        """The state with the momentum changed by increment[..., :3] and the attitude rotated by increment[..., 3:]."""
-        attitude = so3.multiply(self.attitude, so3.exp(increment[..., 3:]))
-        return type(self)(self.momentum + increment[..., :3], attitude)
-
-    def minus(self, other: Any) -> Array:
-        """The change of the momentum and the rotation vector, body frame, from another state to this one: (..., 6)."""
-        turn = so3.log(so3.multiply(so3.conjugate(other.attitude), self.attitude))
-        return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)
-
-    def sizes(self) -> tuple[Array, Array]:
-        """The two sizes; the angle is twice the length of the difference of the two unit quaternions."""
-        return jnp.sqrt(jnp.sum(self.momentum**2)), 2 * jnp.sqrt(jnp.sum(self.attitude**2))
+    @staticmethod
+    def to_body(owner: Any, pose: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return cp.rotate_back(pose, vector)
 
     @classmethod
-    def described(cls) -> Described:
-        attitude = {
-            "long_name": "unit quaternion, scalar first, that takes body components to space components",
-            "units": "1",
-            "frame": "body to space",
-        }
-        return {"momentum": (("axis",), BODY_MOMENTUM), "attitude": (("quaternion",), attitude)}
+    def vertical(cls, owner: Any, pose: cp.Quaternion) -> cp.Vector:
+        w, x, y, z = pose
+        return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
+
+    @staticmethod
+    def to_space(owner: Any, pose: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return cp.add(vector, cp.unit_rotation_change(pose, vector))
+
+    @staticmethod
+    def spatial_momentum(owner: Any, *arrays: Array) -> Array:
+        momentum, attitude, *_ = arrays
+        return so3.rotate(attitude, momentum)
+
+    @staticmethod
+    def normalised(*arrays: Array) -> tuple[Array, ...]:
+        momentum, attitude, *others = arrays
+        return momentum, attitude / jnp.sqrt(jnp.sum(attitude**2, axis=-1, keepdims=True)), *others
+
+    @staticmethod
+    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
+        """The momentum changed by increment[..., :3], and the attitude rotated by increment[..., 3:]."""
+        momentum, attitude, *_ = arrays
+        turned = so3.multiply(attitude, so3.exp(increment[..., 3:]))
+        return momentum + increment[..., :3], turned
+
+    @staticmethod
+    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
+        turn = so3.log(so3.multiply(so3.conjugate(others[1]), arrays[1]))
+        return jnp.concatenate([arrays[0] - others[0], turn], axis=-1)
+
+    @staticmethod
+    def sizes(*arrays: Array) -> tuple[Array, ...]:
+        """The two sizes; the angle is twice the length of the difference of the two unit quaternions."""
+        return jnp.sqrt(jnp.sum(arrays[0] ** 2)), 2 * jnp.sqrt(jnp.sum(arrays[1] ** 2))
+
+
+class RigidState(State):
+    """The momentum and attitude of a rigid body: seven numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))  # tilted by 0.3 rad
+        >>> ml.spatial_momentum(start).round(4)
+        Array([  0.    , -14.776 ,  47.7668], dtype=float64)
+        >>> many = ml.RigidState(jnp.ones((1000, 3)), jnp.tile(start.attitude, (1000, 1)))  # for an ensemble
+        >>> many.momentum.shape, many.attitude.shape
+        ((1000, 3), (1000, 4))
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    attitude: Float[Array, "*batch 4"]
+    body: ClassVar[type] = RigidBody
+    leaves: ClassVar[Leaves] = (Rotation,)
+
+    def __init__(self, momentum: Any, attitude: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.attitude = as_floats("attitude", attitude, (4,))
+        self.check_batch()
+        require_finite("momentum", self.momentum)
+        require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
 
 def with_attitude(state: AnyState) -> Any:
@@ -132,7 +144,7 @@ def attitude_of(state: AnyState) -> Array:
 
 @jax.custom_jvp
 def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """`RigidState.turn`, with a derivative that needs no product of attitude and increment."""
+    """`Rotation.turn`, with a derivative that needs no product of attitude and increment."""
     return cp.tree_add(attitude, turn_change(attitude, increment, no_step))
 
 
@@ -152,7 +164,7 @@ _turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `RigidState.turn`.
+    """The change of the attitude by `Rotation.turn`.
 
     The product is computed as a change of the attitude and rounded only once. If the product and then its length were
     rounded, the attitude would rotate slightly, in the same direction at every step. The correction of the length
@@ -165,7 +177,7 @@ def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Arra
 
 
 def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `RigidState.shift`: the given change, and a correction of the length."""
+    """The change of the attitude by `Rotation.shift`: the given change, and a correction of the length."""
     w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
     k = length_correction(_square((w, x, y, z)), no_step)
     a, b, c, d = change

@@ -12,12 +12,71 @@ from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from ..._xla.fusion import split
 from ..bodies import Body
+from ..kind import Kind, Leaves
+from ..leaf import Described, Flat, NoPose
 from ..spins import Spins
-from ..state import Described, State
-from .without_pose import WithoutPose
+from ..state import State
 
 
-class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
+class Spin(Flat, NoPose):
+    """A spin, which a run integrates like the momentum of a body without a pose."""
+
+    freedom: ClassVar[int] = 0
+    about: ClassVar[tuple[Described, ...]] = (
+        ((), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"}),
+    )
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        return cp.cross(force, momentum)
+
+    @classmethod
+    def rates(
+        cls, inertia: Spins, h: Array, momentum: cp.Vector, pose: tuple[()], force: cp.Vector | None
+    ) -> tuple[cp.Vector, tuple[()]]:
+        return (cp.scale(0, momentum) if force is None else inertia.change(h, momentum, force)), pose
+
+    @staticmethod
+    def to_body(owner: Any, pose: tuple[()], vector: cp.Vector) -> cp.Vector:
+        raise ValueError(
+            "a SpinState has no body frame for a torque; give a field, such as midlie_jax.torques.AppliedField."
+        )
+
+    @staticmethod
+    def normalised(*arrays: Array) -> tuple[Array, ...]:
+        (spin,) = arrays
+        return (spin / jnp.linalg.norm(spin, axis=-1, keepdims=True),)
+
+
+class OnLattice(Kind):
+    """The spins of a lattice in a run."""
+
+    @property
+    def momenta(self) -> tuple[str, ...]:
+        """None: a field that reads the spins is not friction."""
+        return ()
+
+    def join(self, momentum: Any, pose: Any) -> "SpinState":
+        (spin,) = self.packed(momentum, pose)
+        return SpinState.unchecked(spin=spin)
+
+    def evaluate(
+        self, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
+    ) -> tuple[Any, Any]:
+        # If fused with its reader, the field of a lattice would be computed again for each number that reads it.
+        lattice = momentum[0].ndim > 0
+        momentum = split(momentum) if lattice else momentum
+        value = jax.tree.map(jnp.asarray, function(t, self.join(momentum, pose)))
+        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
+        return split(entries) if lattice else entries, jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value
+        )
+
+    def force_from(self, potential: Callable[[Any], Array], state: Any) -> Array:
+        return -jax.grad(lambda spin: potential(SpinState.unchecked(spin=spin)))(state.spin)
+
+
+class SpinState(State):
     """Classical spins: three numbers each, no attitude.
 
     The axes before the last one are the lattice: (3,) is one spin, (n, 3) a chain or n spins without a lattice, (n, m,
@@ -37,8 +96,8 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
 
     spin: Float[Array, "*lattice 3"]
     body: ClassVar[type] = Spins
+    leaves: ClassVar[Leaves] = (Spin,)
     own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
-    momenta: ClassVar[tuple[str, ...]] = ()  # a field that reads the spins is not friction
 
     def __init__(self, spin: Any):
         self.spin = as_floats("spin", spin, (3,))
@@ -62,54 +121,10 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
         """The spin, which a run integrates like the momentum of a body."""
         return self.spin
 
-    def parts(self) -> tuple[cp.Vector, tuple[()]]:
-        return cp.vector(self.spin), ()
-
-    @classmethod
-    def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "SpinState":
-        del pose
-        return cls.unchecked(spin=cp.pack(momentum))
-
-    @staticmethod
-    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        del velocity
-        return cp.cross(force, momentum)
-
-    @classmethod
-    def rates(
-        cls, inertia: Spins, h: Array, momentum: cp.Vector, pose: tuple[()], force: cp.Vector | None
-    ) -> tuple[cp.Vector, tuple[()]]:
-        return (cp.scale(0, momentum) if force is None else inertia.change(h, momentum, force)), pose
-
-    @classmethod
-    def evaluate(
-        cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
-    ) -> tuple[Any, Any]:
-        # If fused with its reader, the field of a lattice would be computed again for each number that reads it.
-        lattice = momentum[0].ndim > 0
-        momentum = split(momentum) if lattice else momentum
-        value = jax.tree.map(jnp.asarray, function(t, cls.join(momentum, pose)))
-        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
-        return split(entries) if lattice else entries, jax.tree.map(
-            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value
-        )
-
-    @classmethod
-    def force_from(cls, potential: Callable[[Any], Array], state: Any) -> Array:
-        return -jax.grad(lambda spin: potential(cls.unchecked(spin=spin)))(state.spin)
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        raise ValueError(
-            "a SpinState has no body frame for a torque; give a field, such as midlie_jax.torques.AppliedField."
-        )
-
-    def normalised(self) -> "SpinState":
-        return self.unchecked(spin=self.spin / jnp.linalg.norm(self.spin, axis=-1, keepdims=True))
+    @property
+    def kind(self) -> Kind:
+        return OnLattice(type(self), self.leaves)
 
     def batch_of(self, body: Body) -> tuple[int, ...]:
         del body
         return ()
-
-    @classmethod
-    def described(cls) -> Described:
-        return {"spin": ((), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"})}

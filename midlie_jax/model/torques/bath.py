@@ -138,10 +138,10 @@ class Langevin(ReadsBody):
         kind = type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
             raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
-        if (state.rotation is None) != (self.linear_friction is None):
+        if (state.kind.rotation is None) != (self.linear_friction is None):
             raise ValueError(
                 f"a {kind} translates: give Langevin the linear_friction, or 0 for none."
-                if state.rotation is not None
+                if state.kind.rotation is not None
                 else f"a {kind} does not translate: leave out linear_friction."
             )
         if isinstance(body.turning, Rotor):

@@ -68,7 +68,7 @@ class FromPotential(Torque):
         require_function("function", self.function, "t, state")
 
     def __call__(self, t: Time, state: Any) -> Any:
-        return type(state).force_from(lambda state: self.function(t, state), state)
+        return state.kind.force_from(lambda state: self.function(t, state), state)
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)

@@ -10,7 +10,6 @@ from ..._checks.arguments import require_function
 from ..._math import components as cp
 from ..rotor import Rotor
 from ..state import AnyState, Time
-from ..states import AxisState, TravellingState
 from .base import Torque, no_potential
 
 
@@ -57,7 +56,7 @@ class ReadsVelocity(ReadsBody):
 
 def knows_axis_alone(state: AnyState) -> bool:
     """Whether momentum and torque are in the space frame, and the state holds only the axis of symmetry of the body."""
-    return isinstance(state.turning if isinstance(state, TravellingState) else state, AxisState)
+    return state.leaves[0].in_space
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:

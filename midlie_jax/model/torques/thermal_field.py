@@ -64,7 +64,7 @@ class ThermalField(Langevin):
         assert body.damping is not None
         shape = start.spin.shape[:-1]
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
-        numbered, _ = kind.parts_of(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
+        numbered, _ = kind.parts(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
         member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
         return BathOfSpins(self.root, self.words, (body.damping * body.rate).astype(start.spin.dtype), member)
 

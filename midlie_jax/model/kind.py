@@ -1,0 +1,188 @@
+"""`Kind`: how a run moves the states of a class, written once for all products of leaves."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from itertools import islice, repeat
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._math import components as cp
+from .._xla.replay import Packed, Traits, by_components
+from .bath import InBody
+from .free_body import Momenta, Place
+from .leaf import Leaf
+from .wrench import Wrench
+
+Leaves = tuple[type[Leaf], ...]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The arithmetic of momentum and pose in a run: of the only leaf, or of a rotation and a translation.
+
+    With two leaves, momenta, velocities and forces are a `Momenta`, poses and increments a `Place`.
+
+    Attributes:
+        of: the class of the states.
+        leaves: their leaves.
+        several: whether momentum and pose hold coupled bodies.
+        apart: whether a torque is evaluated on arrays and compiled separately from the step.
+    """
+
+    of: type[Any]
+    leaves: Leaves
+    several: ClassVar[bool] = False
+    apart: ClassVar[bool] = False
+
+    @property
+    def has_pose(self) -> bool:
+        return any(leaf.has_pose for leaf in self.leaves)
+
+    @property
+    def turns(self) -> bool:
+        """Whether an increment is a rotation in the body frame and nothing else."""
+        return all(leaf.turns for leaf in self.leaves)
+
+    @property
+    def compensated(self) -> bool:
+        return any(leaf.compensated for leaf in self.leaves)
+
+    @property
+    def rotation(self) -> "Kind | None":
+        """The rotation of a body that also translates; otherwise None."""
+        return Kind(self.of, self.leaves[:1]) if len(self.leaves) > 1 else None
+
+    @property
+    def momenta(self) -> tuple[str, ...]:
+        """The names of the fields that are momenta; reading another field is not friction."""
+        return tuple(names[0] for names in by_leaf(self.leaves, [field.name for field in fields(self.of)]))
+
+    def of_run(self, state: Any, torque: Traits | None) -> "Kind":
+        """The form in which a run moves this state under a torque with these traits."""
+        del state, torque
+        return self
+
+    def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:
+        """The constants of the body, and the quaternion of its frame, in the form of the momentum."""
+        return inertia, frame
+
+    # Components and arrays
+
+    def parts(self, state: Any) -> tuple[Any, Any]:
+        """(momentum, pose) of a state."""
+        arrays = [getattr(state, field.name) for field in fields(self.of)]
+        pairs = [
+            (leaf.components(momentum), leaf.pose(*pose))
+            for leaf, (momentum, *pose) in zip(self.leaves, by_leaf(self.leaves, arrays), strict=True)
+        ]
+        return pairs[0] if len(pairs) == 1 else both(*pairs)
+
+    def join(self, momentum: Any, pose: Any) -> Any:
+        """The inverse of `parts`."""
+        return self.of(*self.packed(momentum, pose))
+
+    def packed(self, momentum: Any, pose: Any) -> list[Array]:
+        """The arrays of the state with this momentum and pose."""
+        pairs = [(momentum, pose)] if len(self.leaves) == 1 else zip(momentum, pose, strict=True)
+        return [x for leaf, pair in zip(self.leaves, pairs, strict=True) for x in leaf.packed(*pair)]
+
+    def components(self, arrays: Any) -> Any:
+        """A momentum, force or pose in the form that steps use."""
+        return self.leaves[0].components(arrays)
+
+    def of_arrays(self, momentum: Any, pose: Any) -> Any:
+        """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
+        return self.join(*self.components((momentum, pose)))
+
+    # Torques
+
+    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
+        """The value `function(t, state)` of a function written on states with arrays, evaluated on components.
+
+        Returns:
+            The value, with a tuple of entries in place of each array; and the shape and dtype of each array.
+        """
+        entries = cp.wrapped((momentum, pose), Packed)
+        return by_components(lambda t, momentum, pose: function(t, self.of_arrays(momentum, pose)), t, *entries)
+
+    def force_of(self, value: Any) -> Any:
+        """The value of a torque function as arrays in the form of the momentum; an array is a torque alone."""
+        if len(self.leaves) == 1:
+            return value
+        if isinstance(value, Wrench):
+            return Momenta(value.torque, value.force)
+        return Momenta(value, jnp.zeros_like(value)) if eqx.is_array(value) else value
+
+    def force_from(self, potential: Callable[[Any], Array], state: Any) -> Any:
+        """The torque or force of a potential V(state) -> (), by automatic differentiation, as a torque returns it.
+
+        dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
+        is the transpose of `rate`, applied to the gradient.
+        """
+        momentum, pose = self.parts(state)
+        gradient = jax.grad(lambda pose: potential(self.join(momentum, pose)))(pose)
+        (neg_torque,) = jax.linear_transpose(lambda velocity: self.rate(pose, velocity), momentum)(gradient)
+        force = jax.tree.map(jnp.negative, cp.packed(neg_torque))
+        return Wrench(force.angular, force.linear) if isinstance(force, Momenta) else force
+
+    # Steps, as for each leaf
+
+    def _map(self, form: Callable[..., Any], function: Callable[..., Any], *trees: Any) -> Any:
+        """function(leaf, *parts) of each leaf, in this form."""
+        if len(self.leaves) == 1:
+            return function(self.leaves[0], *trees)
+        parts = zip(*(repeat(None) if tree is None else tree for tree in trees), strict=False)
+        return form(*(function(leaf, *own) for leaf, own in zip(self.leaves, parts, strict=True)))
+
+    def rotate(self, pose: Any, increment: Any) -> Any:
+        return self._map(Place, lambda leaf, q, turn: leaf.rotate(q, turn), pose, increment)
+
+    def turn(self, pose: Any, increment: Any, no_step: Array) -> Any:
+        return self._map(Place, lambda leaf, q, turn: leaf.turn(q, turn, no_step), pose, increment)
+
+    def shift(self, pose: Any, change: Any, no_step: Array) -> Any:
+        return self._map(Place, lambda leaf, q, change: leaf.shift(q, change, no_step), pose, change)
+
+    def rate(self, pose: Any, velocity: Any) -> Any:
+        return self._map(Place, lambda leaf, q, velocity: leaf.rate(q, velocity), pose, velocity)
+
+    def momentum_rate(self, momentum: Any, velocity: Any, force: Any) -> Any:
+        return self._map(Momenta, lambda leaf, *own: leaf.momentum_rate(*own), momentum, velocity, force)
+
+    def push(self, momentum: Any, pose: Any, change: Any) -> tuple[Any, Any]:
+        return self._map(both, lambda leaf, *own: leaf.push(*own), momentum, pose, change)
+
+    def rates(self, inertia: Any, h: Array, momentum: Any, pose: Any, force: Any) -> tuple[Any, Any]:
+        return self._map(both, lambda leaf, own, *more: leaf.rates(own, h, *more), inertia, momentum, pose, force)
+
+    def vector_in(self, frame: Any, vector: Any) -> Any:
+        return self._map(Momenta, lambda leaf, own: leaf.vector_in(frame, own), vector)
+
+    def pose_in(self, frame: Any, pose: Any) -> Any:
+        return self._map(Place, lambda leaf, own: leaf.pose_in(frame, own), pose)
+
+    def bathed(self, exposure: Any, root: Any, momentum: Any, pose: Any, noise: Any) -> Any:
+        """The change of the momentum in a stage of a heat bath; friction of a translation may be in the body frame."""
+        turning = self.leaves[0]
+        if len(self.leaves) == 1:
+            return turning.bathed(exposure, root, momentum, pose, noise)
+        angular = turning.bathed(exposure.angular, root, momentum.angular, pose.orientation, noise.angular)
+        own, travel = (momentum.linear, noise.linear), exposure.linear
+        if isinstance(travel, InBody):
+            return Momenta(angular, turning.bathed_in_space(travel.own, root, own[0], pose.orientation, own[1]))
+        return Momenta(angular, travel.change(root, *own))
+
+
+def by_leaf(leaves: Leaves, items: Iterable[Any]) -> Sequence[tuple[Any, ...]]:
+    """The items, one for each array of a state, in one tuple for each leaf."""
+    rest = iter(items)
+    return [tuple(islice(rest, leaf.arrays)) for leaf in leaves]
+
+
+def both(*pairs: tuple[Any, Any]) -> tuple[Momenta, Place]:
+    (angular, orientation), (linear, position) = pairs
+    return Momenta(angular, linear), Place(orientation, position)

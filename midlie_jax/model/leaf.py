@@ -1,0 +1,292 @@
+"""`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components.
+
+A state is a product of one or two leaves. The library has an attitude (`Rotation`), a space direction in the body frame
+(`Direction`), an axis in space (`Axis`), a momentum alone (`NoPose`), the translation of the centre of mass
+(`Translation`), positions of any shape (`Positions`) and spins. `kind.py` combines leaves into states of one body, of
+coupled bodies side by side, and of coupled bodies unrolled into scalars.
+"""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._math import components as cp
+
+Described = tuple[tuple[str, ...], dict[str, str]]
+
+
+class Leaf:
+    """A momentum of a state and the pose that it moves; never instantiated.
+
+    A custom leaf defines `rotate`, `turn`, `rate` and `momentum_rate`. Momentum and pose are tuples of scalars.
+    Velocities and forces have the form of the momentum.
+
+    Attributes:
+        arrays: the number of arrays in a state: the momentum, and the arrays of the pose.
+        freedom: the numbers of an increment: of the momentum, then of the pose; 0 for all numbers of all arrays.
+        has_pose: whether there is a pose; without one, a flight need not compute the rotation.
+        turns: whether an increment is a rotation in the body frame, as a quaternion.
+        in_space: whether the momentum is in the space frame although the body rotates.
+        compensated: whether it stores the rounding errors of its sums; two flights with such sums do not fit one
+            compiled loop.
+        about: for files: for each array, the name of its last dimension, and its long_name, units and frame.
+
+    Examples:
+        >>> ml.RigidState.leaves[0].freedom, [leaf.arrays for leaf in ml.FreeState.leaves]
+        (6, [2, 2])
+    """
+
+    arrays: ClassVar[int] = 2
+    freedom: ClassVar[int] = 6
+    has_pose: ClassVar[bool] = True
+    turns: ClassVar[bool] = False
+    in_space: ClassVar[bool] = False
+    compensated: ClassVar[bool] = False
+    about: ClassVar[tuple[Described, ...]] = ()
+
+    # Components and arrays
+
+    @staticmethod
+    def components(arrays: Any) -> Any:
+        """Arrays in the form that steps use: each as a tuple of scalars."""
+        return cp.unpacked(arrays)
+
+    @classmethod
+    def pose(cls, *arrays: Array) -> Any:
+        """The pose of the arrays after the momentum."""
+        return cls.components(arrays[0])
+
+    @staticmethod
+    def packed(momentum: Any, pose: Any) -> tuple[Array, ...]:
+        """All arrays of a momentum and a pose."""
+        return cp.pack(momentum), cp.pack(pose)
+
+    # Steps
+
+    @staticmethod
+    def rotate(pose: Any, increment: Any) -> Any:
+        """The pose after an increment of a flight: a rotation in the body frame; for particles, a displacement."""
+        raise NotImplementedError
+
+    @staticmethod
+    def turn(pose: Any, increment: Any, no_step: Array) -> Any:
+        """`rotate` for a pose that is rotated at every step.
+
+        It corrects the length of a quaternion or direction for earlier rounding errors. If `no_step` is True (a step of
+        length zero), no bit changes.
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def rate(pose: Any, velocity: Any) -> Any:
+        """d pose / dt, a linear function of the body-frame angular velocity; for particles, the velocity itself."""
+        raise NotImplementedError
+
+    @staticmethod
+    def momentum_rate(momentum: Any, velocity: Any, force: Any) -> Any:
+        """d momentum / dt by Euler's equation, Pi' = Pi x Omega + T; for particles, p' = f.
+
+        The rate is jointly linear in velocity and force.
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def shift(pose: Any, change: Any, no_step: Array) -> Any:
+        """pose + change, for Runge-Kutta methods; if `no_step` is True, no bit changes.
+
+        If a part of the pose must have length one, one Newton step corrects its length.
+        """
+        del no_step
+        return cp.tree_add(pose, change)
+
+    @classmethod
+    def rates(cls, inertia: Any, h: Array, momentum: Any, pose: Any, force: Any) -> tuple[Any, Any]:
+        """h times the right-hand side of the equations of motion, for momentum and pose; no force is None."""
+
+        def scaled(tree: Any) -> Any:
+            return jax.tree.map(lambda x: h * x, tree)
+
+        velocity = scaled(inertia.velocity(momentum))
+        impulse = jax.tree.map(jnp.zeros_like, momentum) if force is None else scaled(force)
+        return cls.momentum_rate(momentum, velocity, impulse), cls.rate(pose, velocity)
+
+    @staticmethod
+    def push(momentum: Any, pose: Any, change: Any) -> tuple[Any, Any]:
+        """Momentum and pose after the momentum changes by `change`.
+
+        A compensated leaf stores the rounding error of this sum in the pose; for others the pose is unchanged.
+        """
+        return cp.tree_add(momentum, change), pose
+
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: Any, pose: Any, noise: Any) -> Any:
+        """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
+
+        Args:
+            exposure, root: from a `Bath` (`model/bath.py`).
+            momentum, pose, noise: components.
+        """
+        del exposure, root, momentum, pose, noise
+        raise ValueError(f"{cls.__name__} supports no heat bath.")
+
+    @classmethod
+    def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
+        """Ornstein-Uhlenbeck change of a space-frame vector under an exposure in the body frame."""
+        del exposure, root, vector, pose, noise
+        raise ValueError(f"{cls.__name__} supports no heat bath.")
+
+    # Frames
+
+    @staticmethod
+    def vector_in(frame: cp.Quaternion, vector: Any) -> Any:
+        """The components of a momentum or force in a frame rotated by `frame` from the present one."""
+        del frame, vector
+        raise ValueError("this kind of state supports only the principal frame; define `vector_in`.")
+
+    @classmethod
+    def pose_in(cls, frame: cp.Quaternion, pose: Any) -> Any:
+        """The pose for a body frame rotated by `frame`."""
+        return cls.rotate(pose, frame)
+
+    @staticmethod
+    def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
+        """The body components of a vector in the space frame; `owner` is the state, for messages."""
+        del pose, vector
+        raise ValueError(f"a {type(owner).__name__} holds no direction; use a DirectionState or a RigidState instead.")
+
+    @classmethod
+    def vertical(cls, owner: Any, pose: Any) -> cp.Vector:
+        """The space z axis in body components."""
+        return cls.to_body(owner, pose, (jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
+
+    @staticmethod
+    def from_body(owner: Any, pose: Any, vector: Any) -> Any:
+        """The components, in the frame of the momentum, of a vector fixed in the body."""
+        del owner, pose
+        return vector
+
+    @staticmethod
+    def to_space(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
+        """The space components of a vector in the frame of the momentum."""
+        del pose, vector
+        raise needs_attitude(owner)
+
+    @staticmethod
+    def spatial_momentum(owner: Any, *arrays: Array) -> Array:
+        """The angular momentum in the space frame, about the fixed point or the centre of mass, (..., 3)."""
+        del arrays
+        raise needs_attitude(owner)
+
+    # Arrays
+
+    @staticmethod
+    def normalised(*arrays: Array) -> tuple[Array, ...]:
+        """The arrays with unit vectors and quaternions rescaled to length one."""
+        return arrays
+
+    @staticmethod
+    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
+        """The arrays moved by an increment (..., freedom): by default a sum."""
+        moved, begin = list[Array](), 0
+        for array in arrays:
+            end = begin + array.shape[-1]
+            moved.append(array + increment[..., begin:end])
+            begin = end
+        return tuple(moved)
+
+    @staticmethod
+    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
+        """The increment (..., freedom) from `others` to `arrays`: by default a difference."""
+        return jnp.concatenate([a - b for a, b in zip(arrays, others, strict=True)], axis=-1)
+
+    @staticmethod
+    def sizes(*arrays: Array) -> tuple[Array, ...]:
+        """For a small difference of arrays: the size of its momentum, and of the rest, in radians."""
+        momentum, *others = [jnp.sum(array**2) for array in arrays]
+        return jnp.sqrt(momentum), jnp.sqrt(sum(others, start=jnp.zeros_like(momentum)))
+
+
+class BodyLeaf(Leaf):
+    """A leaf whose momentum is in the frame of a rigid body: what all three kinds of pose share."""
+
+    turns: ClassVar[bool] = True
+
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
+        del pose
+        return exposure.change(root, momentum, noise)
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        return cp.add(cp.cross(momentum, velocity), force)
+
+    @classmethod
+    def rates(cls, inertia: Any, h: Array, momentum: cp.Vector, pose: Any, force: cp.Vector | None) -> tuple[Any, Any]:
+        """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
+
+        A Runge-Kutta method spends nearly all its time here. The products of h with the inverse moments and their gaps
+        are therefore computed once per step.
+        """
+        change = inertia.gyroscopic(h, momentum)
+        if force is not None:
+            change = cp.add(change, cp.scale(h, force))
+        return change, cls.rate(pose, cp.times(cp.scale(h, inertia.inverses), momentum))
+
+    @staticmethod
+    def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return cp.rotate_back(frame, vector)
+
+
+class NoPose(Leaf):
+    """A momentum without a pose."""
+
+    arrays: ClassVar[int] = 1
+    freedom: ClassVar[int] = 3
+    has_pose: ClassVar[bool] = False
+
+    @classmethod
+    def pose(cls, *arrays: Array) -> tuple[()]:
+        del arrays
+        return ()
+
+    @staticmethod
+    def packed(momentum: Any, pose: tuple[()]) -> tuple[Array, ...]:
+        del pose
+        return (cp.pack(momentum),)
+
+    @staticmethod
+    def rotate(pose: tuple[()], increment: Any) -> tuple[()]:
+        del increment
+        return pose
+
+    @staticmethod
+    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
+        del increment, no_step
+        return pose
+
+    @staticmethod
+    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
+        del velocity
+        return pose
+
+
+class Flat(Leaf):
+    """A leaf with arrays of any shape; an increment holds all their numbers, (k,)."""
+
+    freedom: ClassVar[int] = 0
+
+    @staticmethod
+    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
+        each = jnp.split(increment, len(arrays), axis=-1)
+        return tuple(array + own.reshape(array.shape) for array, own in zip(arrays, each, strict=True))
+
+    @staticmethod
+    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
+        return jnp.concatenate([(a - b).ravel() for a, b in zip(arrays, others, strict=True)])
+
+
+def needs_attitude(state: Any) -> ValueError:
+    """The error for a state without an attitude."""
+    return ValueError(f"this needs the attitude, which {type(state).__name__} does not have; use a RigidState.")
