@@ -125,11 +125,11 @@ def test_carrying_a_pose_is_flying_and_turning(flight):
     moments, momentum, attitude = jnp.array(MOMENTS[1]), jnp.array(MOMENTA[1]), ml.so3.exp(jnp.array([0.3, -0.5, 0.9]))
     h, no_step = jnp.asarray(0.2), jnp.asarray(False)
     increment, _, parts = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-    known = Known(increment, parts, Rotation.turn(cp.quaternion(attitude), increment, no_step))
+    known = Known(increment, parts, Rotation.act(cp.quaternion(attitude), increment, no_step))
 
     def apart(moments, h, momentum, attitude):
         increment, change, _ = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-        return jnp.stack([*change, *Rotation.turn(cp.quaternion(attitude), increment, no_step)])
+        return jnp.stack([*change, *Rotation.act(cp.quaternion(attitude), increment, no_step)])
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)

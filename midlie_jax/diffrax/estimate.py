@@ -120,5 +120,5 @@ def companion(
     impulse = cp.scale(h / 2, cp.add(torques[0], later))
     impulse = cp.subtract(impulse, cp.scale(h / 6 * fraction, cp.subtract(change, cp.scale(h, history.slope))))
     momentum = cp.rotate_back(turn, cp.add(motion.momentum, impulse))
-    pose = system.kind.rotate(motion.pose, turn)
+    pose = system.kind.act(motion.pose, turn)
     return Motion(momentum, pose), History(cp.rotate_back(turn, cp.scale(rate, change)), h), valid

@@ -126,7 +126,7 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     cubic = cp.add(cp.scale(end, vector), cp.subtract(cp.scale(slope1, change), cp.scale(slope0, difference)))
     p = 1 - end + end * rest[0] - slope1 * cp.dot(vector, difference), *cubic
     turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean), s * s * square), p))
-    attitude = Rotation.turn(poses[0], turn, jnp.array(False))
+    attitude = Rotation.act(poses[0], turn, jnp.array(False))
     momentum = _rotated(cp.conjugate(turn), spatial)
     momentum, attitude = fuse(jax.tree.map(lambda x: x + invalid, (momentum, attitude)))
     return unchecked(dense.y0.kind, momentum, attitude)

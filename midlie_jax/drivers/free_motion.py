@@ -108,7 +108,7 @@ def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
 
     def at(t: Array) -> tuple[Any, Array]:
         momentum, turn, ok = orbit.at(t, turns=turning.kind.has_pose)
-        rotated = Motion(momentum, turning.kind.rotate(turned.pose, turn))
+        rotated = Motion(momentum, turning.kind.act(turned.pose, turn))
         moved = system.in_user_axes(system.travelled(t, motion, rotated))
         same = Motion(*start.parts())
         moved = fuse(jax.tree.map(lambda x, y: jnp.where(t == 0, x, y), same, moved))

@@ -219,7 +219,7 @@ class System(NamedTuple):
 
     def turned(self, pose: Q, increment: Any, h: Array) -> Q:
         """The pose after a flight with this increment, in a step of h."""
-        return self.kind.turn(pose, increment, h == 0)
+        return self.kind.act(pose, increment, h == 0)
 
     def force(self, t: Array, motion: Motion[P, Any]) -> P:
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
@@ -252,7 +252,7 @@ class System(NamedTuple):
             x, y, z = cp.scale(0.5, cast(cp.Vector, displacement))
             share = cp.inverse_root(1 + x * x + y * y + z * z)
             turn = share, share * x, share * y, share * z
-            return cast(Any, cp.rotate(turn, cast(Any, at(self.kind.rotate(motion.pose, turn)))))
+            return cast(Any, cp.rotate(turn, cast(Any, at(self.kind.act(motion.pose, turn)))))
         moved = self.kind.shift(motion.pose, self.kind.rate(motion.pose, displacement), jnp.asarray(False))
         return added(at(moved), 2 * weight, self.inertia.commutator(force))
 

@@ -138,11 +138,8 @@ class Kind:
         parts = zip(*(repeat(None) if tree is None else tree for tree in trees), strict=False)
         return form(*(function(leaf, *own) for leaf, own in zip(self.leaves, parts, strict=True)))
 
-    def rotate(self, pose: Any, increment: Any) -> Any:
-        return self._map(Place, lambda leaf, q, turn: leaf.rotate(q, turn), pose, increment)
-
-    def turn(self, pose: Any, increment: Any, no_step: Array) -> Any:
-        return self._map(Place, lambda leaf, q, turn: leaf.turn(q, turn, no_step), pose, increment)
+    def act(self, pose: Any, increment: Any, no_step: Array | None = None) -> Any:
+        return self._map(Place, lambda leaf, q, own: leaf.act(q, own, no_step), pose, increment)
 
     def shift(self, pose: Any, change: Any, no_step: Array) -> Any:
         return self._map(Place, lambda leaf, q, change: leaf.shift(q, change, no_step), pose, change)

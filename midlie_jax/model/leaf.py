@@ -20,12 +20,13 @@ Described = tuple[tuple[str, ...], dict[str, str]]
 class Leaf:
     """A momentum of a state and the pose that it moves; never instantiated.
 
-    A custom leaf defines `rotate`, `turn`, `rate` and `momentum_rate`. Momentum and pose are tuples of scalars.
-    Velocities and forces have the form of the momentum.
+    By default it is a vector space: the pose moves by sums, and the force is the rate of the momentum. A custom leaf
+    overrides `act`, `rate` and `momentum_rate`. Momentum and pose are tuples of scalars. Velocities and forces have the
+    form of the momentum.
 
     Attributes:
         arrays: the number of arrays in a state: the momentum, and the arrays of the pose.
-        freedom: the numbers of an increment: of the momentum, then of the pose; 0 for all numbers of all arrays.
+        freedom: the numbers of an increment: of the momentum, then of the pose.
         has_pose: whether there is a pose; without one, a flight need not compute the rotation.
         turns: whether an increment is a rotation in the body frame, as a quaternion.
         in_space: whether the momentum is in the space frame although the body rotates.
@@ -66,31 +67,26 @@ class Leaf:
     # Steps
 
     @staticmethod
-    def rotate(pose: Any, increment: Any) -> Any:
-        """The pose after an increment of a flight: a rotation in the body frame; for particles, a displacement."""
-        raise NotImplementedError
+    def act(pose: Any, increment: Any, no_step: Array | None = None) -> Any:
+        """The pose after an increment of a flight: a rotation, or a displacement.
 
-    @staticmethod
-    def turn(pose: Any, increment: Any, no_step: Array) -> Any:
-        """`rotate` for a pose that is rotated at every step.
-
-        It corrects the length of a quaternion or direction for earlier rounding errors. If `no_step` is True (a step of
-        length zero), no bit changes.
+        With `no_step`, the pose is moved at every step: a quaternion or direction is corrected for earlier rounding
+        errors of its length, but if `no_step` is True (a step of length zero), no bit changes.
         """
-        raise NotImplementedError
+        del no_step
+        return cp.tree_add(pose, increment)
 
     @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:
-        """d pose / dt, a linear function of the body-frame angular velocity; for particles, the velocity itself."""
-        raise NotImplementedError
+        """d pose / dt, a linear function of the velocity."""
+        del pose
+        return velocity
 
     @staticmethod
     def momentum_rate(momentum: Any, velocity: Any, force: Any) -> Any:
-        """d momentum / dt by Euler's equation, Pi' = Pi x Omega + T; for particles, p' = f.
-
-        The rate is jointly linear in velocity and force.
-        """
-        raise NotImplementedError
+        """d momentum / dt, jointly linear in velocity and force; Pi' = Pi x Omega + T for a rigid body."""
+        del momentum, velocity
+        return force
 
     @staticmethod
     def shift(pose: Any, change: Any, no_step: Array) -> Any:
@@ -148,7 +144,7 @@ class Leaf:
     @classmethod
     def pose_in(cls, frame: cp.Quaternion, pose: Any) -> Any:
         """The pose for a body frame rotated by `frame`."""
-        return cls.rotate(pose, frame)
+        return cls.act(pose, frame)
 
     @staticmethod
     def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
@@ -257,12 +253,7 @@ class NoPose(Leaf):
         return (cp.pack(momentum),)
 
     @staticmethod
-    def rotate(pose: tuple[()], increment: Any) -> tuple[()]:
-        del increment
-        return pose
-
-    @staticmethod
-    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
+    def act(pose: tuple[()], increment: Any, no_step: Array | None = None) -> tuple[()]:
         del increment, no_step
         return pose
 
@@ -274,8 +265,6 @@ class NoPose(Leaf):
 
 class Flat(Leaf):
     """A leaf with arrays of any shape; an increment holds all their numbers, (k,)."""
-
-    freedom: ClassVar[int] = 0
 
     @staticmethod
     def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:

@@ -87,7 +87,7 @@ class ExactFlight(JudgedFlight):
         no_step: Array,
         known: Known | None = None,
     ) -> tuple[Flown, Any]:
-        """`fly`, and the pose after it by `kind.turn`, which have a shorter derivative together than separately."""
+        """`fly`, and the pose after it by `kind.act`, which have a shorter derivative together than separately."""
         return _carry(self, kind, inertia, h, momentum, known, pose, no_step)
 
 
@@ -131,7 +131,7 @@ def _carry(
     no_step: Array,
 ) -> tuple[Flown, Any]:
     flown = _fly(flight, inertia, h, momentum, known)
-    return flown, kind.turn(pose, flown.increment, no_step) if known is None else known.pose
+    return flown, kind.act(pose, flown.increment, no_step) if known is None else known.pose
 
 
 def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any) -> tuple[Any, Any]:
@@ -140,7 +140,7 @@ def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any)
     flown, end = _carry(flight, kind, *primals)
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
-    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, flown.increment, no_step), (pose,), (both,))
+    _, end_dot = jax.jvp(lambda pose: kind.act(pose, flown.increment, no_step), (pose,), (both,))
     return (flown, end), (flown_dot, end_dot)
 
 

@@ -42,7 +42,7 @@ class AKW(Implicit):
         def residual(half: cp.Vector) -> cp.Vector:
             mean, turn = mean_and_turn(half)
             end_momentum = cp.add(motion.momentum, cp.scale(2, half))
-            torque = system.force(t1, Motion(end_momentum, system.kind.rotate(motion.pose, _cayley(turn))))
+            torque = system.force(t1, Motion(end_momentum, system.kind.act(motion.pose, _cayley(turn))))
             kick = cp.scale(h / 2, cp.add(force, torque))
             return cp.subtract(cp.scale(2, half), cp.add(cp.cross(mean, turn), kick))
 

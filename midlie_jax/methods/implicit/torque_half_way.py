@@ -82,4 +82,4 @@ def _half_way(
     x, y, z = cp.times(system.inertia.moments, cp.scale(rate, w))
     a, b, c = motion.momentum
     momentum = jnp.where(no_step, a, x), jnp.where(no_step, b, y), jnp.where(no_step, c, z)
-    return Motion(momentum, system.kind.rotate(motion.pose, half))
+    return Motion(momentum, system.kind.act(motion.pose, half))

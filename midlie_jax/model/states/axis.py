@@ -11,12 +11,12 @@ from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from .. import so3
 from ..kind import Leaves
-from ..leaf import Described, Leaf, needs_attitude
+from ..leaf import Described, needs_attitude
 from ..rotor import Rotor
 from ..state import State
 from .length import length_correction
 from .rigid import RigidState
-from .unit_vector import of_unit_length, shifted, turn_between, turned
+from .unit_vector import UnitVector
 
 _NO_SPIN = 1e-6  # relative to the angular velocity, below which a part along the axis is rounding
 SPATIAL_MOMENTUM = {
@@ -48,33 +48,22 @@ class Swing(NamedTuple):
         return cls(vector, square, double * cosine, double * sinc)
 
 
-class Axis(Leaf):
+class Axis(UnitVector):
     """A momentum and an axis of symmetry, both in space."""
 
-    freedom: ClassVar[int] = 5
     in_space: ClassVar[bool] = True
     about: ClassVar[tuple[Described, ...]] = ((("space_axis",), SPATIAL_MOMENTUM), (("space_axis",), AXIS))
 
     @staticmethod
-    def rotate(pose: cp.Vector, increment: Swing) -> cp.Vector:
-        return cp.add(pose, _swung(pose, increment, jnp.zeros_like(increment.square)))
-
-    @staticmethod
-    def turn(pose: cp.Vector, increment: Swing, no_step: Array) -> cp.Vector:
+    def act(pose: cp.Vector, increment: Swing, no_step: Array | None = None) -> cp.Vector:
         # The correction of the length points along the new axis; otherwise errors would grow.
-        return cp.add(pose, _swung(pose, increment, length_correction(cp.dot(pose, pose), no_step)))
-
-    @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-        return shifted(pose, change, no_step)
+        square = increment.square
+        correction = jnp.zeros_like(square) if no_step is None else length_correction(cp.dot(pose, pose), no_step)
+        return cp.add(pose, _swung(pose, increment, correction))
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
         return cp.cross(velocity, pose)
-
-    @staticmethod
-    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        return force
 
     @classmethod
     def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: cp.Vector, noise: cp.Vector) -> cp.Vector:
@@ -119,18 +108,6 @@ class Axis(Leaf):
     @staticmethod
     def spatial_momentum(owner: Any, *arrays: Array) -> Array:
         return arrays[0]
-
-    @staticmethod
-    def normalised(*arrays: Array) -> tuple[Array, ...]:
-        return arrays[0], of_unit_length(arrays[1])
-
-    @staticmethod
-    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
-        return arrays[0] + increment[..., :3], turned(arrays[1], increment[..., 3:])
-
-    @staticmethod
-    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
-        return jnp.concatenate([arrays[0] - others[0], turn_between(others[1], arrays[1])], axis=-1)
 
 
 class AxisState(State):

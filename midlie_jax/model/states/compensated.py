@@ -57,16 +57,12 @@ class Compensated(Rotation):
         return momentum, pose._replace(low_momentum=low)
 
     @staticmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
-        return CompensatedPose(
-            Rotation.rotate(pose.attitude, increment),
-            Rotation.rotate(pose.low_attitude, increment),
-            cp.rotate_back(increment, pose.low_momentum),
-        )
-
-    @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, no_step: Array) -> Any:
-        return _changed(pose, turn_change(pose.attitude, increment, no_step))
+    def act(pose: Any, increment: cp.Quaternion, no_step: Array | None = None) -> Any:
+        if no_step is not None:
+            return _changed(pose, turn_change(pose.attitude, increment, no_step))
+        low_momentum = cp.rotate_back(increment, pose.low_momentum)
+        attitude, low_attitude = (cp.multiply(q, increment) for q in pose[:2])
+        return CompensatedPose(attitude, low_attitude, low_momentum)
 
     @staticmethod
     def shift(pose: Any, change: Any, no_step: Array) -> Any:
@@ -76,18 +72,6 @@ class Compensated(Rotation):
     def rate(pose: Any, velocity: cp.Vector) -> Any:
         zero = jnp.zeros_like(velocity[0])
         return CompensatedPose(Rotation.rate(pose.attitude, velocity), (zero, zero, zero, zero), (zero, zero, zero))
-
-    @staticmethod
-    def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
-        return Rotation.to_body(owner, pose.attitude, vector)
-
-    @classmethod
-    def vertical(cls, owner: Any, pose: Any) -> cp.Vector:
-        return Rotation.vertical(owner, pose.attitude)
-
-    @staticmethod
-    def to_space(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
-        return Rotation.to_space(owner, pose.attitude, vector)
 
 
 class SeenAsRigid(Kind):
@@ -129,6 +113,10 @@ class CompensatedState(RigidState):
         self.low_momentum = _low_part("low_momentum", low_momentum, momentum)
         self.low_attitude = _low_part("low_attitude", low_attitude, attitude)
         super().__init__(momentum, attitude)
+
+    @property
+    def _pose(self) -> cp.Quaternion:
+        return cp.quaternion(self.attitude)
 
     @property
     def kind(self) -> Kind:

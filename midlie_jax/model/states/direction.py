@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
@@ -13,29 +12,22 @@ from ..kind import Leaves
 from ..leaf import BodyLeaf, Described
 from ..state import State
 from .momentum import BODY_MOMENTUM
-from .unit_vector import changed, of_unit_length, shifted, turn_between, turned
+from .unit_vector import UnitVector, changed
 
 
-class Direction(BodyLeaf):
+class Direction(UnitVector, BodyLeaf):
     """A momentum in the body frame, and one space direction in the body frame."""
 
-    freedom: ClassVar[int] = 5
     about: ClassVar[tuple[Described, ...]] = (
         (("axis",), BODY_MOMENTUM),
         (("axis",), {"long_name": "space z axis in body components", "units": "1", "frame": "body"}),
     )
 
     @staticmethod
-    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
-        return cp.rotate_back(increment, pose)
-
-    @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
+    def act(pose: cp.Vector, increment: cp.Quaternion, no_step: Array | None = None) -> cp.Vector:
+        if no_step is None:
+            return cp.rotate_back(increment, pose)
         return changed(pose, cp.rotation_change(cp.conjugate(increment), pose), no_step)
-
-    @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-        return shifted(pose, change, no_step)
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
@@ -50,18 +42,6 @@ class Direction(BodyLeaf):
     def vertical(cls, owner: Any, pose: cp.Vector) -> cp.Vector:
         """The space z axis in body components, provided that the direction is the space z axis."""
         return pose
-
-    @staticmethod
-    def normalised(*arrays: Array) -> tuple[Array, ...]:
-        return arrays[0], of_unit_length(arrays[1])
-
-    @staticmethod
-    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
-        return arrays[0] + increment[..., :3], turned(arrays[1], increment[..., 3:])
-
-    @staticmethod
-    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
-        return jnp.concatenate([arrays[0] - others[0], turn_between(others[1], arrays[1])], axis=-1)
 
 
 class DirectionState(State):

@@ -25,22 +25,6 @@ class Translation(Leaf):
         (("space_axis",), {"long_name": "position of the centre of mass", "units": "length", "frame": "space"}),
     )
 
-    @staticmethod
-    def rotate(pose: cp.Vector, increment: cp.Vector) -> cp.Vector:
-        return cp.add(pose, increment)
-
-    @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Vector, no_step: Array) -> cp.Vector:
-        return cp.add(pose, increment)
-
-    @staticmethod
-    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
-        return velocity
-
-    @staticmethod
-    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        return force
-
     @classmethod
     def rates(
         cls, inertia: Array, h: Array, momentum: cp.Vector, pose: cp.Vector, force: cp.Vector | None

@@ -30,22 +30,6 @@ class Positions(Flat):
     def packed(momentum: Array, pose: Array) -> tuple[Array, ...]:
         return momentum, pose
 
-    @staticmethod
-    def rotate(pose: Array, increment: Array) -> Array:
-        return pose + increment
-
-    @staticmethod
-    def turn(pose: Array, increment: Array, no_step: Array) -> Array:
-        return pose + increment
-
-    @staticmethod
-    def rate(pose: Array, velocity: Array) -> Array:
-        return velocity
-
-    @staticmethod
-    def momentum_rate(momentum: Array, velocity: Array, force: Array) -> Array:
-        return force
-
 
 class OnArrays(Kind):
     """A kind whose torque is evaluated on the arrays of the steps."""

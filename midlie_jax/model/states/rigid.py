@@ -34,12 +34,8 @@ class Rotation(BodyLeaf):
     )
 
     @staticmethod
-    def rotate(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
-        return cp.multiply(pose, increment)
-
-    @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-        return _turn(pose, increment, no_step)
+    def act(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array | None = None) -> cp.Quaternion:
+        return cp.multiply(pose, increment) if no_step is None else _turn(pose, increment, no_step)
 
     @staticmethod
     def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
@@ -144,7 +140,7 @@ def attitude_of(state: AnyState) -> Array:
 
 @jax.custom_jvp
 def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """`Rotation.turn`, with a derivative that needs no product of attitude and increment."""
+    """`Rotation.act`, with a derivative that needs no product of attitude and increment."""
     return cp.tree_add(attitude, turn_change(attitude, increment, no_step))
 
 
@@ -164,7 +160,7 @@ _turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `Rotation.turn`.
+    """The change of the attitude by `Rotation.act`.
 
     The product is computed as a change of the attitude and rounded only once. If the product and then its length were
     rounded, the attitude would rotate slightly, in the same direction at every step. The correction of the length

@@ -21,7 +21,6 @@ from ..state import State
 class Spin(Flat, NoPose):
     """A spin, which a run integrates like the momentum of a body without a pose."""
 
-    freedom: ClassVar[int] = 0
     about: ClassVar[tuple[Described, ...]] = (
         ((), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"}),
     )

@@ -1,10 +1,38 @@
 """Rotating unit vectors: the direction of a `DirectionState` and the axis of an `AxisState`."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jax import Array
 
 from ..._math import components as cp
+from ..leaf import Leaf
 from .length import length_correction
+
+
+class UnitVector(Leaf):
+    """A momentum and a unit vector."""
+
+    freedom: ClassVar[int] = 5
+
+    @staticmethod
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+        moved = cp.add(pose, change)
+        correction = length_correction(cp.dot(moved, moved), no_step)
+        return cp.add(pose, cp.add(change, cp.scale(correction, moved)))
+
+    @staticmethod
+    def normalised(*arrays: Array) -> tuple[Array, ...]:
+        momentum, v = arrays
+        return momentum, v / jnp.sqrt(jnp.sum(v**2, axis=-1, keepdims=True))
+
+    @staticmethod
+    def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
+        return arrays[0] + increment[..., :3], turned(arrays[1], increment[..., 3:])
+
+    @staticmethod
+    def minus(arrays: tuple[Array, ...], others: tuple[Array, ...]) -> Array:
+        return jnp.concatenate([arrays[0] - others[0], turn_between(others[1], arrays[1])], axis=-1)
 
 
 def changed(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
@@ -12,18 +40,6 @@ def changed(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
     correction = length_correction(cp.dot(v, v), no_step)
     # The correction points along the new vector; otherwise errors of the length would grow.
     return cp.add(v, cp.add(change, cp.scale(correction, cp.add(v, change))))
-
-
-def shifted(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-    """v + change, with its length corrected by one Newton step."""
-    moved = cp.add(v, change)
-    correction = length_correction(cp.dot(moved, moved), no_step)
-    return cp.add(v, cp.add(change, cp.scale(correction, moved)))
-
-
-def of_unit_length(v: Array) -> Array:
-    """v / |v|, (..., 3)."""
-    return v / jnp.sqrt(jnp.sum(v**2, axis=-1, keepdims=True))
 
 
 def turned(v: Array, turn: Array) -> Array:
