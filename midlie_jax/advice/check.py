@@ -231,7 +231,7 @@ def check(
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_clock(t0, dt)
-    axes = start.momentum.ndim - start.own_axes
+    axes = len(start.batch)
     if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
     if axes == 0:  # a single body has no rows

@@ -44,7 +44,8 @@ class Facts(NamedTuple):
     def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
         system = System.of(body, torque, state, t)
         motion = system.motion(state)
-        turn_rate = jnp.max(method.turn_rate(system.inertia, motion.momentum))  # for coupled bodies, the fastest
+        rates = [method.turn_rate(own.inertia, one.momentum) for own, one in system.rotations(motion)]
+        turn_rate = jnp.max(jnp.stack(rates))  # for coupled bodies, the fastest
         size = _norm(motion.momentum)
         speed, pull, jerk, acceleration = _speeds(system, t, motion)
         changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])

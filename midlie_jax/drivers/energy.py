@@ -66,7 +66,7 @@ def energy(
     check_state("motion", state)
     check_body(body, state)
     check_torque(torque)
-    own_body, batch = axes_of_bodies(body, state) == 1, state.momentum.shape[: -state.own_axes]
+    own_body, batch = axes_of_bodies(body, state) == 1, state.batch
     rows = once(_rows, body, torque, state, own_body, path is not None and path.ok.ndim == 1, torque_axes)
     if not own_body and not any(jax.tree.leaves(rows)):
         return _of_one(body, torque, motion, t)
@@ -103,7 +103,7 @@ def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, 
         of_bodies: whether the states are known to belong to several bodies.
     """
     shared = jax.tree.map(lambda _: False, torque)
-    batch = state.momentum.shape[: -state.own_axes]
+    batch = state.batch
     axes_given = not (isinstance(axes, str) and axes == AUTO)
     if torque is None or not batch or not batch[0]:
         return shared

@@ -1,6 +1,5 @@
 """`Splitting`, a method whose step alternates flights and kicks in the order and with the coefficients of a scheme."""
 
-from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,10 +12,8 @@ from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept
 from .._xla.platform import on_cpu
 from ..model.bodies import Body
-from ..model.free_body import FreeInertia
 from ..model.kind import Kind
 from ..model.state import AnyState
-from ..model.states.members import Inertias
 from ..model.torques import without_bath
 from .base import Method
 from .flights import Flight
@@ -83,10 +80,6 @@ class Splitting(Method):
         return min((0.0, *times)), max((1.0, *times))
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
-        if isinstance(inertia, FreeInertia):
-            return self.turn_rate(inertia.rotation, momentum.angular)
-        if isinstance(inertia, Inertias):
-            return reduce(jnp.maximum, map(self.turn_rate, inertia.members, momentum))
         return self.flight.turn_rate(inertia, momentum)
 
     @property

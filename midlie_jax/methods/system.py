@@ -202,6 +202,10 @@ class System(NamedTuple):
         system = self._replace(inertia=self.inertia.rotation, kind=self.kind.rotation)
         return system, Motion(motion.momentum.angular, motion.pose.orientation)
 
+    def rotations(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
+        """The rotation of each body that is moved separately."""
+        return [own.rotating(one) for own, one in self.members(motion)]
+
     def travelled(self, h: Array, motion: AnyMotion, rotated: AnyMotion) -> AnyMotion:
         """The motion after a flight that rotates it to `rotated`; a body that translates moves by h p / m."""
         if self.kind.rotation is None:

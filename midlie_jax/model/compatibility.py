@@ -83,7 +83,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     if state.several:
         _check_several(name, body, state, batch)
         return
-    momentum, axes_of_momentum = state.momentum.shape, state.momentum.ndim - state.own_axes
+    momentum, axes_of_momentum = state.momentum.shape, len(state.batch)
     moments = "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
     shapes = (
         (moments, (*body.batch, 3), len(body.batch), 0),
@@ -110,7 +110,7 @@ def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) ->
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
     """`check_batch` for coupled bodies, whose constants have the axis (N,) of the state or serve every body."""
-    axes, count = state.momentum.ndim - state.own_axes, state.count
+    axes, count = len(state.batch), state.count
     if axes != batch:
         wanted, cure = "(N, 3)", "map over replicas with jax.vmap, or use midlie_jax.ensemble"
         if batch:

@@ -110,8 +110,7 @@ def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...
 
     A particle state can have any shape, so the times of its path determine the number of leading axes.
     """
-    shape = state.momentum.shape
-    return shape[: -state.own_axes] if state.own_axes else shape[: len(path_shape)]
+    return state.batch if state.own_axes else state.momentum.shape[: len(path_shape)]
 
 
 def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
@@ -251,7 +250,7 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     bodies = state.batch_of(body)
     if not bodies:
         return 0
-    states = state.momentum.shape[: -state.own_axes]
+    states = state.batch
     if states and bodies != states[: len(bodies)]:
         raise ValueError(
             f"momentum must be (n, 3) or (n, ..., 3) for moments (n, 3), got {state.momentum.shape} for "

@@ -190,6 +190,12 @@ class State(eqx.Module):
         about = chain.from_iterable(leaf.about for leaf in cls.leaves)
         return {field.name: own for field, own in zip(fields(cls), about, strict=False)}
 
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch; () if the number of own axes is not fixed."""
+        shape = self.momentum.shape
+        return shape[: -self.own_axes] if self.own_axes else ()
+
     def batch_of(self, body: Any) -> tuple[int, ...]:
         """The sizes of those leading axes of a body that are a batch rather than an axis of coupled bodies."""
         return body.batch[:-1] if self.several else body.batch

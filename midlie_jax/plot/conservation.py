@@ -170,7 +170,7 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     """
     body, torque, states = _doubles((body, torque, states))
     times = np.asarray(times, jnp.result_type(float))
-    first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - states.own_axes)], states)
+    first = jax.tree.map(lambda leaf: leaf[(0,) * len(states.batch)], states)
     kinetic, reason = False, ""
     try:
         same_state = [float(energy(body, torque, first, t)) for t in np.unique(times[:: max(1, len(times) // 8)])]
@@ -230,7 +230,7 @@ def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     values = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     reason = ""
     if torque is not None:
-        first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - states.own_axes - 1)], states)
+        first = jax.tree.map(lambda leaf: leaf[(0,) * (len(states.batch) - 1)], states)
         forces = np.asarray(_forces_on(body, torque, np.asarray(times), first).linear)
         acts = not add_up_to_zero(forces) if states.several else np.any(forces != 0)
         reason = "not conserved: a force acts" if acts else ""

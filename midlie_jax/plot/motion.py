@@ -81,7 +81,7 @@ def motion_of(path: Any, *, together: bool = False) -> Motion:
             f"path must be of one body, got a {type(states).__name__} with {states.count}. Take body i by "
             "path._replace(states=path.states.of_body(i)), and its row of the body."
         )
-    if times.ndim != 1 or states.momentum.shape[: -states.own_axes] != times.shape:
+    if times.ndim != 1 or states.batch != times.shape:
         raise ValueError(
             f"path must be of one body with several times, got momenta {states.momentum.shape} and times "
             f"{times.shape}. Take body k: "
