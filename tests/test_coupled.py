@@ -14,6 +14,7 @@ from travel_cases import at, gap, stacked
 
 import midlie_jax as ml
 from midlie_jax.methods.splitting import Splitting
+from midlie_jax.model.states import Coupled
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
 BY_TURNS = [(*case, DTYPES[(n + 1) % 2]) for n, case in enumerate(FEW)]
@@ -254,3 +255,25 @@ def test_a_flight_of_many_bodies_is_not_repeated(name):
     run = real(lambda s: ml.integrate(name, body, None, s, dt=0.01, steps=8, save_every=8))
     text = run.lower(many).compile().as_text()
     assert max(len(re.findall(r"\[20\].* fusion\(", loop)) for loop in loop_bodies(text)) < 12
+
+
+class Directions(Coupled, ml.DirectionState):
+    """A kind of coupled bodies that the package does not have."""
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_any_kind_of_state_can_be_coupled(count):
+    """A few bodies as scalars, more side by side; without a coupling each moves as it would alone."""
+    body, field = ml.RigidBody([1.0, 2.0, 2.5]), ml.torques.FromPotential(lambda t, s: jnp.sum(s.direction[..., 2]))
+    momenta = jnp.outer(1 + 0.1 * jnp.arange(float(count)), jnp.array([1.0, 0.8, -1.3]))
+    together = Directions(momenta, jnp.tile(jnp.array([0.0, 0.6, 0.8]), (count, 1)))
+
+    def end(state):
+        path = quick(lambda: ml.integrate("JACOBI[EA]", body, field, state, dt=0.01, steps=20, save_every=20))()
+        assert path.ok
+        return jax.tree.map(lambda x: x[-1], path.states)
+
+    own = end(together.of_body(1))
+    assert type(own) is ml.DirectionState
+    np.testing.assert_allclose(end(together).of_body(1).minus(own), np.zeros(5), atol=1e-14)
+    assert list(Directions.described()["direction"][0]) == ["member", "axis"]
