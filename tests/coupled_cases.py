@@ -108,7 +108,7 @@ def potential(field, t, state):
     del t
     e = thirds(state)
     value = 0.5 * field * jnp.sum(jnp.sum(e, 0) ** 2)
-    if state.rotation is None:
+    if state.kind.rotation is None:
         return value
     d = state.position[:, None] - state.position[None]
     along = jnp.sum(e[:, None] * d, -1)

@@ -277,7 +277,7 @@ HEAT = {"Langevin", "ThermalField"}
 
 def langevin(state: str, kT: Any = 0.7, friction: Any = 0.8) -> Any:
     """A heat bath on a kind of state, as a function of the random key."""
-    linear = 0.5 if STATES[state][1].rotation is not None else None
+    linear = 0.5 if STATES[state][1].kind.rotation is not None else None
     return lambda key: torques.Langevin(kT, friction, key, linear_friction=linear)
 
 

@@ -111,7 +111,7 @@ def test_a_state_from_velocities_has_these_velocities(state):
     if isinstance(start, ml.AxisState | ml.FreeAxisState):
         first = first - jnp.sum(first * start.axis, axis=-1, keepdims=True) * start.axis
     velocity = body.turning.velocity(first)
-    if start.rotation is not None:
+    if start.kind.rotation is not None:
         others[1] = others[1] / jnp.asarray(body.mass)[..., None]
     made = type(start).from_velocity(body, velocity, *others)
     expected = [first, *(getattr(start, field.name) for field in dataclasses.fields(start)[1:])]
@@ -145,6 +145,7 @@ def test_joined_bodies_are_the_body_of_all_their_points():
     parts.append((None, 1.7, [0.3, -1.0, 2.0]))
     mass, points = np.append(np.concatenate(masses), 1.7), np.concatenate([*places, [[0.3, -1.0, 2.0]]])
     body, centre = ml.joined(parts)
+    assert isinstance(body.body, ml.TensorBody)
     np.testing.assert_allclose(centre, mass @ points / mass.sum(), rtol=1e-12)
     points = points - np.asarray(centre)
     tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))

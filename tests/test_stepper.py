@@ -275,10 +275,6 @@ def test_carries_paths_and_states_of_every_kind_are_exported(state):
     one = ml.stepper(method, body, torque, start, dt=DT)
     path = jax.eval_shape(partial(ml.integrate, method, body, torque, start, dt=DT, steps=2))
     for value in (one.init(), body, path, start):
-        if one.init().kind.__name__ == "CheckeredState" and value is not body and value is not start:
-            with pytest.raises(ValueError, match="made at run time"):
-                export.export(jax.jit(lambda x: x))(value).serialize()
-            continue
         stored = export.export(jax.jit(lambda x: x))(value).serialize()
         assert export.deserialize(stored).in_tree == jax.tree.structure(((value,), {}))
 

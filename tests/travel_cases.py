@@ -95,7 +95,7 @@ def potential(weight, t, state):
     del t
     axis = third(state)
     value = weight * axis[2]
-    if state.rotation is None:
+    if state.kind.rotation is None:
         return value
     return value + SPRING / 2 * jnp.sum(state.position**2) + COUPLING * jnp.dot(axis, state.position) * axis[0]
 
@@ -146,7 +146,7 @@ def gap(a, b):
 @cache
 def truth(kind, duration):
     """The end of the forced motion by SciPy on thirteen numbers, with forces written by hand."""
-    inertia, travels = KINDS[kind].inertia, start(kind).rotation is not None
+    inertia, travels = KINDS[kind].inertia, start(kind).kind.rotation is not None
 
     def rate(t, y):
         momentum, q, linear, x = y[:3], y[3:7], y[7:10], y[10:]

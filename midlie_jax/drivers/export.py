@@ -1,6 +1,7 @@
 """`register_for_export`: how states, bodies, torques, carries and paths are stored by `jax.export`."""
 
 import json
+from dataclasses import fields
 from importlib import import_module
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..methods.system import Motion
 from ..model import states, torques
 from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
+from ..model.kind import Kind
 from ..model.state import State
 from ..model.states.compensated import CompensatedPose
 from ..model.wrench import Wrench
@@ -106,6 +108,8 @@ def _as_json(value: Any) -> Any:
                 f"the class {value.__qualname__} was made at run time and cannot be exported. Export states."
             )
         return {"class": _name(value)}
+    if isinstance(value, Kind):
+        return {"kind": _name(type(value)), "fields": [_as_json(getattr(value, field.name)) for field in fields(value)]}
     if isinstance(value, tuple):
         return {"tuple": [_as_json(one) for one in value]}
     if isinstance(value, _PLAIN):
@@ -121,5 +125,6 @@ def _from_json(value: Any) -> Any:
         return value
     if "tuple" in value:
         return tuple(_from_json(one) for one in value["tuple"])
-    module, _, name = value["class"].partition(":")
-    return getattr(import_module(module), name)
+    module, _, name = str(value.get("class") or value["kind"]).partition(":")
+    kind = getattr(import_module(module), name)
+    return kind(*map(_from_json, value["fields"])) if "kind" in value else kind
