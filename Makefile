@@ -99,7 +99,7 @@ gpu: .venv/.test .venv/.accelerator
 	.venv/bin/python benchmarks/gpu.py --write
 
 kernels: .venv-cuda/.compiler
-	.venv-cuda/bin/python benchmarks/kernels.py
+	.venv-cuda/bin/python benchmarks/kernels.py --write
 
 docs: .venv/.docs
 	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict

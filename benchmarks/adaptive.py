@@ -1,27 +1,25 @@
 """Gain and cost of the reversible step control of `ml.integrate_adaptive`.
 
-    python benchmarks/adaptive.py [gain] [energy] [cost]
+    python benchmarks/adaptive.py [gain] [energy] [cost] [batch]
 
 gain    error of the attitude at the end, with constant steps and with as many adaptive steps: equal torque evaluations
 energy  energy errors of two tops, one of them integrable, over a long time under four step controls
-cost    time of a step relative to a step of `ml.integrate`, vmapped; and of a batch whose bodies take unequal steps
+cost    time of a step relative to a step of `ml.integrate`, vmapped
+batch   time of a useful step in a batch whose bodies take unequal steps up to t1
 """
-
-import sys
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import one_core  # noqa: F401
+from harness import Table, compiled, in_turn, main
 
-jax.config.update("jax_enable_x64", True)
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.advice.timing import timed  # noqa: E402
-from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.methods.system import Motion, System  # noqa: E402  (for a step control that is not in the package)
-from midlie_jax.methods.verdict import is_fine  # noqa: E402
+import midlie_jax as ml
+from midlie_jax.cli import scenes
+from midlie_jax.methods.system import Motion, System  # for a step control that is not in the package
+from midlie_jax.methods.verdict import is_fine
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
@@ -75,8 +73,6 @@ def ends(name, case, density, dts, most):
 
 
 def gain():
-    print("| case | method | steps | error, constant step | error, adaptive | gain |")
-    print("|---|---|---|---|---|---|", flush=True)
     for label, (case, ladder) in CASES.items():
         density, t1 = case[3], case[4]
         smallest = t1 / (30 * ladder[-1])
@@ -96,7 +92,7 @@ def gain():
                 texts = [f"{error:.1e}" if succeeded else "failed" for error, succeeded in results]
                 known = ok[i] and constant_ok[i] and min(constant_error, adaptive_error) > 10 * uncertainty
                 ratio = f"{constant_error / adaptive_error:.2g}" if known else "not known"
-                print(f"| {label} | `{name}` | {count} | {texts[0]} | {texts[1]} | {ratio} |", flush=True)
+                yield [label, f"`{name}`", str(count), *texts, ratio]
         print(f"(uncertainty of the reference {uncertainty:.0e})", flush=True)
 
 
@@ -155,17 +151,15 @@ def pid_controlled(name, case, duration, tolerance):
 
 
 def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
-    print("| top | control | steps | largest energy error, first eighth | last eighth | its mean, first | last |")
-    print("|---|---|---|---|---|---|---|", flush=True)
     for label, case in TOPS.items():
         body, torque, start, _ = case
 
-        def show(control, count, states, ok, label=label, body=body, torque=torque, start=start):
+        def row(control, count, states, ok, label=label, body=body, torque=torque, start=start):
             error = np.asarray(ml.energy(body, torque, states)) / float(ml.energy(body, torque, start)) - 1
             first, *_, last = np.array_split(error, 8)
             numbers = [np.abs(first).max(), np.abs(last).max(), first.mean(), last.mean()]
             note = "" if ok else " (failed)"
-            print(f"| {label} | {control}{note} | {count} |", *(f"{e:.1e} |" for e in numbers), flush=True)
+            return [label, f"{control}{note}", str(count), *(f"{e:.1e}" for e in numbers)]
 
         adaptive = jax.jit(
             lambda case=case: ml.integrate_adaptive(
@@ -174,88 +168,75 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
         )()
         lengths = np.diff(np.asarray(adaptive.times))
         duration = adaptive.times[-1]
-        show("reversible", steps, adaptive.states, adaptive.ok)
+        yield row("reversible", steps, adaptive.states, adaptive.ok)
         states, ok = jax.jit(lambda case=case: density_at_start(ml.method(name), case, dt, steps, every))()
-        show("density at the start of a step", steps, states, ok)
+        yield row("density at the start of a step", steps, states, ok)
         path = jax.jit(lambda d, case=case: ml.integrate(name, *case[:3], dt=d / steps, steps=steps, save_every=every))(
             duration
         )
-        show("constant step", steps, path.states, path.ok)
+        yield row("constant step", steps, path.states, path.ok)
         for tolerance in (3e-4, 1e-4):
             states, ok, count = eqx.filter_jit(pid_controlled)(name, case, duration, tolerance)
-            show(f"`PIDController`, atol {tolerance:g}", int(count), states, ok)
+            yield row(f"`PIDController`, atol {tolerance:g}", int(count), states, ok)
         shortest, longest = lengths.min() / every, lengths.max() / every
         print(f"({label}: {float(duration):.0f} time units, steps from {shortest:.3f} to {longest:.3f})", flush=True)
 
 
-def seconds(function, *arguments):
-    """Median time of the runs after the first, which compiles."""
-    return timed(lambda: jax.block_until_ready(function(*arguments)), most=8)[1].seconds
+COUNT = 2048
 
 
-def cost(count=2048, steps=128):
-    """The time of a step, on copies of one body; and of a batch, on satellites of eccentricities 0 to .8."""
-    print("| a step, vmapped over 2048 bodies | method | density | time, by that of `ml.integrate` |")
-    print("|---|---|---|---|", flush=True)
+def cost(steps=128):
     swinging, eccentric = TOPS["a swinging Lagrange top"], satellite(0.6)
     by_torque = ml.densities.TorqueSize(swinging[1], jnp.array(20.0), jnp.array(5.0))
+    # Each body has its own step: with equal times all bodies would share the computation of the orbit.
+    dts, counts = jnp.linspace(1e-3, 2e-3, COUNT), {"steps": steps, "save_every": steps}
     for label, density, (body, torque, start, *_) in (
         ("a heavy top", swinging[3], swinging),
         ("a heavy top", by_torque, swinging),
         ("a satellite", eccentric[3], eccentric),
     ):
-        starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *x.shape)), start)
+        starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (COUNT, *x.shape)), start)
         for name in METHODS[1:]:
-            # Each body has its own step: with equal times all bodies would share the computation of the orbit.
-            dts = jnp.linspace(1e-3, 2e-3, count)
-            counts = {"steps": steps, "save_every": steps}
+            run = (name, body, torque)
+            adaptive, constant = (
+                lambda s, dt, run=run, d=density: ml.integrate_adaptive(*run, s, density=d, dt=dt, **counts),
+                lambda s, dt, run=run: ml.integrate(*run, s, dt=dt, **counts),
+            )
+            times = in_turn([compiled(jax.vmap(f), starts, dts, options={}) for f in (adaptive, constant)], 8)
+            yield [label, f"`{name}`", f"`{type(density).__name__}`", f"{times[0] / times[1]:.2f}"]
 
-            def constant(s, dt, name=name, body=body, torque=torque, counts=counts):
-                return ml.integrate(name, body, torque, s, dt=dt, **counts)
 
-            def adaptive(s, dt, name=name, body=body, torque=torque, counts=counts, density=density):
-                return ml.integrate_adaptive(name, body, torque, s, density=density, dt=dt, **counts)
-
-            times = [seconds(jax.jit(jax.vmap(f)), starts, dts) for f in (adaptive, constant)]
-            kind = type(density).__name__
-            print(f"| {label} | `{name}` | `{kind}` | {times[0] / times[1]:.2f} |", flush=True)
-
-    def run_to_t1(eccentricity, reverse):
-        body, torque, start, density, _ = satellite(eccentricity)
-        path = ml.integrate_adaptive(
-            "JACOBI[EA]",
-            body,
-            torque,
-            start,
-            density=density,
-            dt=0.01,
-            steps=1024,
-            save_every=1024,
-            t1=2.0,
-            adjoint=ml.Checkpointed() if reverse else None,
-        )
-        return path.taken, path.ok
-
-    print(
-        "\n| up to t1, satellites of eccentricities 0 to .8 | steps of the slowest | mean steps | time a useful step |"
-    )
-    print("|---|---|---|---|", flush=True)
-    eccentricities = jnp.linspace(0.0, 0.8, count)
-    for label, batch, reverse in (
-        ("all equal (.4)", jnp.full(count, 0.4), False),
-        ("all in one batch", eccentricities, False),
-        ("all in one batch, adjoint=Checkpointed(), of 1024", eccentricities, True),
+def batch():
+    eccentricities, many = jnp.linspace(0.0, 0.8, COUNT), {"steps": 1024, "save_every": 1024}
+    for label, values, adjoint in (
+        ("all equal (.4)", jnp.full(COUNT, 0.4), None),
+        ("all in one batch", eccentricities, None),
+        ("all in one batch, adjoint=Checkpointed(), of 1024", eccentricities, ml.Checkpointed()),
     ):
-        run = jax.jit(jax.vmap(lambda e, reverse=reverse: run_to_t1(e, reverse)))
-        batch_seconds = seconds(run, batch)
-        taken, ok = map(np.asarray, run(batch))
+
+        def to_t1(eccentricity, adjoint=adjoint):
+            *case, density, _ = satellite(eccentricity)
+            path = ml.integrate_adaptive("JACOBI[EA]", *case, density=density, dt=0.01, t1=2.0, adjoint=adjoint, **many)
+            return path.taken, path.ok
+
+        run = compiled(jax.vmap(to_t1), values, options={})
+        taken, ok = map(np.asarray, run())
         assert ok.all()
-        useful = batch_seconds / taken.sum() * 1e6
-        print(f"| {label} | {taken.max()} | {taken.mean():.0f} | {useful:.2f} us |", flush=True)
+        useful = in_turn([run], 8)[0] / taken.sum() * 1e6
+        yield [label, str(taken.max()), f"{taken.mean():.0f}", f"{useful:.2f} us"]
 
 
-TABLES = {"gain": gain, "energy": energy, "cost": cost}
+PRINTED = "", ""  # these tables are on no page
+TABLES = {
+    "gain": Table(*PRINTED, ("case", "method", "steps", "error, constant step", "error, adaptive", "gain"), gain),
+    "energy": Table(
+        *PRINTED,
+        ("top", "control", "steps", "largest energy error, first eighth", "last eighth", "its mean, first", "last"),
+        energy,
+    ),
+    "cost": Table(*PRINTED, ("a step, vmapped", "method", "density", "time, by that of `ml.integrate`"), cost),
+    "batch": Table(*PRINTED, ("up to t1", "steps of the slowest", "mean steps", "time a useful step"), batch),
+}
 
 if __name__ == "__main__":
-    for table in sys.argv[1:] or TABLES:
-        TABLES[table]()
+    main(__doc__, TABLES)

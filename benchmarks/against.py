@@ -8,14 +8,12 @@ each checkout compiles and keeps all programs. The two processes run alternately
 machine affects both.
 """
 
-import argparse
 import os
 import time
 from pathlib import Path
 
-from served import Served, asked_in_turn, requests
+from harness import ROOT, Served, asked_in_turn, main, requests, shown
 
-HERE = Path(__file__).resolve().parent.parent
 BATCH, STEPS, REPEATS = 4096, 100, 7
 
 
@@ -69,25 +67,19 @@ def of_checkout(folder):
     return process
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("other", nargs="?", type=Path, help="a folder with another commit checked out")
-    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.serve:
-        serve()
-        return
-    if options.other is None:
-        parser.error("give the folder of another checkout")
+def compare(options):
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    before, after = of_checkout(options.other), of_checkout(HERE)
-    print("| method | dtype | before | after, M body-steps/s | time after / before |\n|---|---|---|---|---|")
+    shown(["method", "dtype", "before", "after, M body-steps/s", "time after / before"], rows(options.other))
+
+
+def rows(other):
+    before, after = of_checkout(other), of_checkout(ROOT)
     for name in named():
         for dtype in ("float64", "float32"):
             old, new, ratio = asked_in_turn((before, after), (name, dtype), REPEATS)
-            print(f"| {name} | {dtype} | {1e-6 / old:.1f} | {1e-6 / new:.1f} | {ratio:.2f} |", flush=True)
+            yield [name, dtype, f"{1e-6 / old:.1f}", f"{1e-6 / new:.1f}", f"{ratio:.2f}"]
 
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, compare, {"other": {"type": Path, "help": "a folder with another commit checked out"}}, serve=serve)

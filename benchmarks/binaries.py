@@ -1,51 +1,99 @@
 """Binary asteroids: what a day costs at an error, and ten years of energy and momenta: docs/reports/applications.md.
 
-    python benchmarks/binaries.py [--write]
+    python benchmarks/binaries.py [cost] [long] [first] [--write]
 
 Processor times on one core, medians of rounds in which all methods take turns; 1000 binaries of different shapes
 through `ml.ensemble`. First calls are measured in processes of their own. `--write` puts tables and picture into docs/.
 """
 
-import argparse
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from midlie_jax.advice.timing import pin
+import jax
+import numpy as np
+import one_core  # noqa: F401
+from harness import REPORTS, Compiled, Table, compiled, first_call, in_turn, main, save, shown
+from laboratory import didymos
+from matplotlib import pyplot as plt
 
-pin()  # before XLA counts the cores
+import midlie_jax as ml
+from midlie_jax.plot.style import BLUE, GREEN, ORANGE, VERMILLION
 
-import jax  # noqa: E402
-import numpy as np  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-import first_call  # noqa: E402
-from laboratory.binaries import chart, didymos  # noqa: E402
-from laboratory.binaries.cost import GUBAS, Rung, day, end, fastest, gravity, rungs  # noqa: E402
-from pages import DOCS, put, save, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-
-MARKERS = {
-    "cost": ("<!-- binaries cost -->", "<!-- /binaries cost -->"),
-    "long": ("<!-- binaries long -->", "<!-- /binaries long -->"),
-}
-PAGE, PICTURE = "reports/applications.md", "binaries.png"
+PICTURE = "binaries.png"
 DEGREES, ERROR = (2, 4), 1e-10
-HEADS = (
-    "degree",
-    "method",
-    "steps per day",
-    "ms per day and binary",
-    "error",
-    "GUBAS, ms",
-    "error of GUBAS",
-    "times faster",
-)
-FIRST_HEADS = ("degree", "method", "one binary, s", "1000 binaries, s")
-LONG_HEADS = ("method", "step, s", "energy, first five years", "last five years", "angular momentum", "seconds")
 YEARS, STATES = 10, 1000
+BINARIES = 1000
+# Steps a day.
+LADDERS = {
+    "JACOBI[EA]": (360, 1440, 5760),
+    "JACOBI[SRKN6b]": (96, 144, 192, 288, 432, 576),
+    "JACOBI[SRKN14a]": (48, 72, 96, 108, 120, 144),
+    "GBS12": (32, 40, 48, 60, 72, 96),
+}
+FINEST = "JACOBI[SRKN14a]", 576  # whose end counts as exact where none is published
+# What the program of the field takes for a day of one binary, seconds, and its error after it: its Lie-group integrator
+# of order 2 with its own step of 30 s, on one core of the same kind of machine, compiled with -O2.
+GUBAS = {2: (0.39, 6.1e-3), 4: (8.1, 6.1e-3)}
+ROUNDS = 5
+
+
+class Rung(NamedTuple):
+    """One method with so many steps a day: milliseconds of a binary and a day, and the largest error after the day."""
+
+    method: str
+    degree: int
+    steps: int
+    milliseconds: float
+    error: float
+
+
+def gravity(degree: int) -> Any:
+    return ml.torques.MutualGravity(didymos.G, degree=degree)
+
+
+def end(method: str, degree: int, steps: int) -> ml.CoupledState:
+    """The state of the known binary after a day."""
+    options: Any = {"dt": didymos.DAY / steps, "steps": steps, "save_every": None}
+    path = ml.integrate(method, didymos.BODY, gravity(degree), didymos.start(), **options)
+    if not bool(path.ok):
+        raise RuntimeError(f"{method} with {steps} steps a day failed.")
+    return path.states
+
+
+def known_end(degree: int) -> dict[str, tuple[float, ...]]:
+    """The published end after a day or, of degree 4, that of the finest run."""
+    if (didymos.TILTED, degree, didymos.DAY) in didymos.ENDS:
+        return didymos.ENDS[didymos.TILTED, degree, didymos.DAY]
+    return didymos.as_end(end(FINEST[0], degree, FINEST[1]))
+
+
+def day(method: str, degree: int, steps: int) -> Compiled:
+    """A day of many binaries with different shapes."""
+    body, start = didymos.scattered(BINARIES)
+    options: Any = {"dt": didymos.DAY / steps, "steps": steps}
+    run = compiled(lambda start: ml.ensemble(method, body, gravity(degree), start, **options), start, bodies=BINARIES)
+    if not bool(np.all(run().ok)):
+        raise RuntimeError(f"{method} with {steps} steps a day failed.")
+    return run
+
+
+def rungs(degree: int) -> list[Rung]:
+    """Every method with every step, timed in turns on one core."""
+    cases = [(method, steps) for method, ladder in LADDERS.items() for steps in ladder]
+    exact = known_end(degree)
+    errors = [max(didymos.errors(end(method, degree, steps), exact).values()) for method, steps in cases]
+    times = in_turn([day(method, degree, steps) for method, steps in cases], ROUNDS)
+    return [
+        Rung(method, degree, steps, 1e3 * seconds / BINARIES, error)
+        for (method, steps), seconds, error in zip(cases, times, errors, strict=True)
+    ]
+
+
+def fastest(found: list[Rung], error: float) -> Rung:
+    """The one that takes least among those within this error."""
+    return min((rung for rung in found if rung.error <= error), key=lambda rung: rung.milliseconds)
 
 
 def cost_rows(found: dict[int, list[Rung]]) -> Iterator[list[str]]:
@@ -67,13 +115,13 @@ def first_rows() -> Iterator[list[str]]:
         for method in ("JACOBI[SRKN14a]", "GBS12"):
             cells = list[str]()
             for kind in ("one", "many"):
-                cells.append(f"{first_call.seconds(__file__, method, str(degree), kind):.1f}")
+                cells.append(f"{first_call(__file__, method, str(degree), kind):.1f}")
             yield [str(degree), f"`{method}`", *cells]
 
 
-def print_first_call(method: str, degree: str, kind: str) -> None:
+def day_of(method: str, degree: str, kind: str) -> Callable[[], Any]:
     run: Any = end if kind == "one" else lambda *case: day(*case)()
-    first_call.report(lambda: run(method, int(degree), 144))
+    return lambda: run(method, int(degree), 144)
 
 
 def long_rows() -> Iterator[list[str]]:
@@ -91,33 +139,63 @@ def long_rows() -> Iterator[list[str]]:
         yield [f"`{method}`", f"{dt:g}", *halves, f"{lost:.0e}", f"{seconds:.1f}"]
 
 
-def write(name: str, lines: list[str]) -> None:
-    """Puts a table into the page; first calls only into a data file."""
-    if name == "first":
-        save("binaries-first-calls", lines)
-    else:
-        put(PAGE, *MARKERS[name], lines)
+COLOURS, RIVAL = (BLUE, ORANGE, GREEN, VERMILLION), "0.35"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help=f"put tables and picture into docs/{PAGE}")
-    parser.add_argument("--first", nargs=3, metavar="PART", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.first:
-        print_first_call(*options.first)
-        return
+def draw(found: dict[int, list[Rung]], out: Path) -> None:
+    """Error of a day against its run time: a panel for each degree of the gravity, a line for each method."""
+    figure, axes = plt.subplots(1, len(found), figsize=(11, 4.6), sharey=True, layout="constrained")
+    for panel, (degree, rungs) in zip(np.atleast_1d(axes), found.items(), strict=True):
+        _panel(panel, degree, rungs)
+    axes[0].set_ylabel("largest relative error after a simulated day")
+    figure.savefig(out, dpi=110)
+    plt.close(figure)
+
+
+def _panel(panel: Any, degree: int, rungs: list[Rung]) -> None:
+    for number, method in enumerate(dict.fromkeys(rung.method for rung in rungs)):
+        own = sorted((rung for rung in rungs if rung.method == method), key=lambda rung: rung.milliseconds)
+        x, y = [rung.milliseconds for rung in own], [rung.error for rung in own]
+        panel.loglog(x, y, "o-", color=COLOURS[number], markersize=4)
+        label: Any = {"xytext": (-6, -3), "textcoords": "offset points", "ha": "right", "fontsize": 9}
+        panel.annotate(method, (x[0], y[0]), color=COLOURS[number], **label)
+    seconds, error = GUBAS[degree]
+    panel.loglog([1e3 * seconds], [error], "s", color=RIVAL)
+    place: Any = {"xytext": (-6, 8), "textcoords": "offset points", "ha": "right", "fontsize": 9}
+    panel.annotate("GUBAS", (1e3 * seconds, error), color=RIVAL, **place)
+    faster = 1e3 * seconds / min(rung.milliseconds for rung in rungs if rung.error <= error)
+    words = f"gravity of degree {degree}: {float(f'{faster:.1g}'):,.0f} times faster than GUBAS"
+    panel.set_title(words, loc="left", fontsize=11, weight="bold")
+    panel.set_xlabel("run time per simulated day and binary, one core [ms]")
+    panel.grid(alpha=0.3)
+    panel.margins(0.1)
+    panel.set_xlim(left=3e-4)  # room for the labels
+
+
+COST = Table(
+    *("reports/applications.md", "binaries cost"),
+    (
+        *("degree", "method", "steps per day", "ms per day and binary", "error"),
+        *("GUBAS, ms", "error of GUBAS", "times faster"),
+    ),
+)
+LONG = ("method", "step, s", "energy, first five years", "last five years", "angular momentum", "seconds")
+
+
+def cost(options: Any) -> None:
     found = {degree: rungs(degree) for degree in DEGREES}
-    parts = {
-        "cost": shown(HEADS, cost_rows(found)),
-        "long": shown(LONG_HEADS, long_rows()),
-        "first": shown(FIRST_HEADS, first_rows()),
-    }
+    COST.show(options.write, cost_rows(found))
     if options.write:
-        chart.draw(found, DOCS / "reports" / PICTURE)
-        for name, lines in parts.items():
-            write(name, lines)
+        draw(found, REPORTS / PICTURE)
 
+
+def first(options: Any) -> None:
+    lines = shown(("degree", "method", "one binary, s", "1000 binaries, s"), first_rows())
+    if options.write:
+        save("binaries-first-calls", lines)
+
+
+PARTS = {"cost": cost, "long": Table("reports/applications.md", "binaries long", LONG, long_rows), "first": first}
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, PARTS, first=day_of)

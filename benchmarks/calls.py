@@ -8,31 +8,19 @@ itself takes. Times are medians of processor time on one core, of calls that tak
 their own; they include tracing and compiling, not imports, and the next call has another number of steps.
 """
 
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from midlie_jax.advice.timing import pin
+import diffrax
+import jax
+import jax.numpy as jnp
+import one_core  # noqa: F401
+from harness import Table, first_call, in_turn, main
 
-pin()  # before XLA counts the cores
-
-import diffrax  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-import first_call  # noqa: E402
-from pages import command, publish  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
-from midlie_jax.cli import scenes  # noqa: E402
+import midlie_jax as ml
+from midlie_jax.cli import scenes
 
 BODIES = 64
-HEADS = ("call", "second call", "inside `jax.jit`")
-FIRST_MARKS = "<!-- first calls -->", "<!-- /first calls -->"
-FIRST = ("method, torque", "first call", "another number of steps")
 SCENE = scenes.scene("P1")
 ONE, MANY = SCENE.start, scenes.perturbed(SCENE, BODIES, 1e-3)
 RUN = {"dt": 0.005, "steps": 2}
@@ -71,12 +59,8 @@ def even_density(t, state):
 def rows() -> Iterator[list[str]]:
     for name, (start, call) in CALLS.items():
         compiled = jax.jit(call)
-        calls = [
-            lambda call=call, start=start: jax.block_until_ready(call(start)),
-            lambda compiled=compiled, start=start: jax.block_until_ready(compiled(start)),
-        ]
-        (_, ours), (_, inside) = timed_in_turn(calls, least=101, most=301)
-        yield [name, *(f"{1e3 * timing.seconds:.2f} ms" for timing in (ours, inside))]
+        times = in_turn((lambda: call(start), lambda: compiled(start)), 101, 301)  # noqa: B023  (called here)
+        yield [name, *(f"{1e3 * seconds:.2f} ms" for seconds in times)]
 
 
 def orbiting(name: str, bodies: int | None, steps: int) -> Any:
@@ -109,30 +93,27 @@ PROGRAMS = [
 def first_rows() -> Iterator[list[str]]:
     for name, kind, bodies in PROGRAMS:
         parts = name, kind, str(bodies or "")
-        first = first_call.seconds(__file__, *parts)
-        both = first_call.seconds(__file__, *parts, "again")
+        first, both = first_call(__file__, *parts), first_call(__file__, *parts, "again")
         what = "a heavy top" if kind == "top" else "gravity gradient on an orbit"
         who = "`ml.integrate`" if bodies is None else f"`ml.ensemble`, {bodies} bodies"
         yield [f"{name}, {what}, {who}", f"{first:.1f} s", f"{1e3 * both:.0f} ms"]
 
 
-def write(lines: list[str]) -> None:
-    """Writes all first calls to their data file, and the first calls of two programs into the page."""
-    kept = ("JACOBI[EA], a heavy top", "GBS12, gravity gradient")
-    publish("reports/speed.md", *FIRST_MARKS, lines, "first-calls", lambda row: row[0].startswith(kept))
-
-
-def one_process(name: str, kind: str, bodies: str, again: str = "") -> None:
-    run = KINDS[kind]
-    count = int(bodies) if bodies else None
+def one_process(name: str, kind: str, bodies: str, again: str = "") -> Callable[[], Any]:
+    run, count = KINDS[kind], int(bodies) if bodies else None
     if again:
         jax.block_until_ready(run(name, count, 1000))
-    first_call.report(lambda: run(name, count, 1001 if again else 1000))
+    return lambda: run(name, count, 1001 if again else 1000)
 
+
+KEPT = ("JACOBI[EA], a heavy top", "GBS12, gravity gradient")  # on the page
+TABLES = {
+    "calls": Table("reports/speed.md", "calls", ("call", "second call", "inside `jax.jit`"), rows),
+    "first": Table(
+        *("reports/speed.md", "first calls", ("method, torque", "first call", "another number of steps"), first_rows),
+        *("first-calls", lambda row: row[0].startswith(KEPT)),
+    ),
+}
 
 if __name__ == "__main__":
-    if "--first" in sys.argv:
-        one_process(*sys.argv[sys.argv.index("--first") + 1 :])
-    else:
-        command(__doc__, "reports/speed.md", "<!-- calls -->", "<!-- /calls -->", HEADS, rows())
-        command(__doc__, "reports/speed.md", *FIRST_MARKS, FIRST, first_rows(), write)
+    main(__doc__, TABLES, first=one_process)

@@ -4,17 +4,14 @@
 
 1000 fast tops P1 on one core, by `ml.ensemble`, in three processes that take turns: without the options, so that a sort
 keeps steps in vectors; with the option for that in its place; and with vectors of 512 bits besides, as the package asks
-for. Medians of processor time. Only
-on a processor with AVX-512, elsewhere the script says so and ends.
+for. Medians of processor time. Only on a processor with AVX-512, elsewhere the script says so and ends.
 """
 
 import os
 import sys
 
-from pages import command, publish
-from served import Served, asked_in_turn, requests
+from harness import Served, Table, asked_in_turn, main, requests
 
-BEGIN, END = "<!-- compiler options -->", "<!-- /compiler options -->"
 METHODS = {"LIEMID[EA]": 400, "JACOBI[EA]": 1000, "SYMMETRIC[EA]": 3000, "DOP853": 400, "JACOBI[SRKN14a]": 100}  # steps
 DTYPES = ("float64", "float32")
 BODIES, DT, TURNS = 1000, 0.005, 7
@@ -24,13 +21,9 @@ NEITHER = f"{NARROW} --xla_disable_hlo_passes=none"  # a flag that is named hold
 
 def serve():
     """Answers each request, a method and a dtype, by the millions of body-steps a second."""
-    from midlie_jax.advice.timing import pin
-
-    pin()  # before XLA counts the cores
     import jax
-
-    jax.config.update("jax_enable_x64", True)
     import jax.numpy as jnp
+    import one_core  # noqa: F401
 
     import midlie_jax as ml
     from midlie_jax.advice.timing import timed, user_clock
@@ -55,6 +48,10 @@ def serve():
 
 
 def rows():
+    from midlie_jax._xla.compiler import vector_width_options
+
+    if not vector_width_options():
+        sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")
     inherited = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
     processes = [Served(__file__, inherited | flags) for flags in ({"XLA_FLAGS": NEITHER}, {"XLA_FLAGS": NARROW}, {})]
     for name in METHODS:
@@ -69,17 +66,10 @@ COLUMNS = ("sort, 256 bits", "option, 256 bits", "option, 512 bits", "gain")
 HEADS = ("M body-steps/s", *(f"{dtype}, {what}" for dtype in DTYPES for what in COLUMNS))
 
 
-def write(lines):
-    """Puts the whole table into its data file, and the main columns into the page."""
-    publish("reports/speed.md", BEGIN, END, lines, "compiler-options", lambda row: "14a" not in row[0], (0, 2, 3, 4))
-
+TABLE = Table(
+    *("reports/speed.md", "compiler options", HEADS, rows),
+    *("compiler-options", lambda row: "14a" not in row[0], (0, 2, 3, 4)),
+)
 
 if __name__ == "__main__":
-    if "--serve" in sys.argv:
-        serve()
-    else:
-        from midlie_jax._xla.compiler import vector_width_options
-
-        if not vector_width_options():
-            sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")
-        command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows(), write)
+    main(__doc__, TABLE, serve=serve)

@@ -11,7 +11,6 @@ adjoints  first and later calls of the derivatives that optimisers need
 --write puts the tables solvers, events and adjoints into docs/reports/speed.md, and whole into its data files.
 """
 
-import sys
 import time
 from typing import Any
 
@@ -21,15 +20,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
+from harness import Table, main
 from scipy.optimize import brentq
 
+import midlie_jax as ml
+from midlie_jax.cli import oracles, scenes
+
 jax.config.update("jax_enable_x64", True)
-
-from pages import publish, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.cli import oracles, scenes  # noqa: E402
-
 MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
 
 
@@ -47,22 +44,6 @@ TERM = ml.RigidBodyTerm(ml.RigidBody(jnp.array(MOMENTS)), torque_of_args=top)
 
 def numbers(state):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
-
-
-SOLVERS = "<!-- solvers -->", "<!-- /solvers -->"
-SOLVER_HEADS = ("solver", "error at h = 1/8", "measured order", "drift of the spatial momentum, free body, h = 1/4")
-
-
-def write_solvers(lines):
-    """Puts the whole table into its data file, and four solvers into the page."""
-    left_out = ("Heun", "Bosh3", "Kvaerno5")
-    publish("reports/speed.md", *SOLVERS, lines, "diffrax-solvers", lambda row: row[0].strip("`") not in left_out)
-
-
-def solvers(write=False):
-    lines = shown(SOLVER_HEADS, solver_rows())
-    if write:
-        write_solvers(lines)
 
 
 def solver_rows():
@@ -91,7 +72,7 @@ def solver_rows():
         yield [f"`{name}`", f"{errors[0]:.1e}", f"{np.log2(errors[0] / errors[1]):.2f}", f"{drift:.1e}"]
 
 
-def energy(duration=2000.0, parts=8):
+def energy(_, duration=2000.0, parts=8):
     """Prints the largest relative error of the energy in each of `parts` equal parts of the time."""
     weight = jnp.array(WEIGHT)
     first = ml.energy(TERM.body, top(weight), start())
@@ -133,7 +114,7 @@ def energy(duration=2000.0, parts=8):
             print(f"{name:12} {label:14} {count:7} steps ", " ".join(f"{e:.1e}" for e in errors), flush=True)
 
 
-def float32(steps=100_000, dt=0.005, count=64):
+def float32(_, steps=100_000, dt=0.005, count=64):
     """Starts of the fast top P1 with a momentum off its axis, so that Pi x Omega is large compared with the torque."""
 
     def recovered(body, torque, t, state):
@@ -169,30 +150,6 @@ def float32(steps=100_000, dt=0.005, count=64):
         error = jnp.linalg.norm(state.momentum - exact.momentum, axis=-1) / size
         drift = jnp.abs(ml.spatial_momentum(state) - first)[:, 2] / size
         print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
-
-
-EVENTS = "<!-- events -->", "<!-- /events -->"
-EVENT_HEADS = (
-    "method",
-    "`dense`",
-    "error of the time",
-    "of the momentum",
-    "of the attitude",
-    "first call",
-    "later calls",
-)
-
-
-def write_events(lines):
-    """Puts the whole table into its data file, and two methods without their first calls into the page."""
-    columns = (0, 1, 2, 3, 4, 6)
-    publish("reports/speed.md", *EVENTS, lines, "diffrax-events", lambda row: "6b" not in row[0], columns)
-
-
-def events(write=False):
-    lines = shown(EVENT_HEADS, event_rows())
-    if write:
-        write_events(lines)
 
 
 def event_rows(dt=0.01):
@@ -236,7 +193,6 @@ def event_rows(dt=0.01):
             yield [f"`{name}`", f'`"{dense}"`', *figures, *costs]
 
 
-BEGIN, END = "<!-- adjoints -->", "<!-- /adjoints -->"
 LENGTH, STEPS, SAVED = 1.0, 200, 11  # of the run that is differentiated
 
 
@@ -262,11 +218,7 @@ def first_and_later(function, parameters, calls=9):
     return f"{walls[0]:.1f} s ({seconds[0]:.1f} s)", f"{1e3 * np.median(seconds[1:]):.1f} ms"
 
 
-HEADS = "solver", "steps", "`value_and_grad`: first call", "later calls", "`jacfwd`: first call", "later calls"
-
-
 def derivatives():
-    """The rows of the table of docs/reports/speed.md."""
     fixed = diffrax.StepTo(ts=LENGTH / STEPS * jnp.arange(STEPS + 1.0))
     adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=50.0))
     ours = [ml.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
@@ -289,24 +241,25 @@ def derivatives():
         yield f"`{name}`", steps, *gradient, *jacobian
 
 
-def write_adjoints(lines):
-    """Puts the whole table into its data file, and all rows but one into the page."""
-    publish("reports/speed.md", BEGIN, END, lines, "diffrax-adjoints", lambda row: "JACOBI" not in row[0])
-
-
-def adjoints(write=False):
-    lines = shown(HEADS, derivatives())
-    if write:
-        write_adjoints(lines)
-
-
-TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "events": events, "adjoints": adjoints}
-WRITTEN = ("solvers", "events", "adjoints")
+TABLES = {
+    "solvers": Table(
+        *("reports/speed.md", "solvers"),
+        ("solver", "error at h = 1/8", "measured order", "drift of the spatial momentum, free body, h = 1/4"),
+        *(solver_rows, "diffrax-solvers", lambda row: row[0].strip("`") not in ("Heun", "Bosh3", "Kvaerno5")),
+    ),
+    "energy": energy,
+    "float32": float32,
+    "events": Table(
+        *("reports/speed.md", "events"),
+        ("method", "`dense`", "error of the time", "of the momentum", "of the attitude", "first call", "later calls"),
+        *(event_rows, "diffrax-events", lambda row: "6b" not in row[0], (0, 1, 2, 3, 4, 6)),
+    ),
+    "adjoints": Table(
+        *("reports/speed.md", "adjoints"),
+        ("solver", "steps", "`value_and_grad`: first call", "later calls", "`jacfwd`: first call", "later calls"),
+        *(derivatives, "diffrax-adjoints", lambda row: "JACOBI" not in row[0]),
+    ),
+}
 
 if __name__ == "__main__":
-    names = [name for name in sys.argv[1:] if name != "--write"]
-    for name in names or TABLES:
-        if name not in TABLES:
-            sys.exit(f"unknown table {name!r}; choose from {', '.join(TABLES)}.")
-        TABLES[name](**({"write": True} if name in WRITTEN and "--write" in sys.argv else {}))
-        print()
+    main(__doc__, TABLES)

@@ -6,7 +6,6 @@ Each row of the table is measured in a process of its own, which runs everything
 all is compiled. `--write` puts the tables into docs/reports/speed.md.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -17,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pages import put, save, shown
+from harness import Table, main, save, shown
 
 EVERY = 100
 STATE = 7 * 8  # bytes of one state in float64
@@ -101,14 +100,15 @@ def median(costs: list[Cost]) -> Cost:
     return Cost(*(sorted(column)[len(column) // 2] for column in zip(*costs, strict=True)))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--bodies", type=int, default=1_000_000)
-    parser.add_argument("--steps", type=int, default=1000)
-    parser.add_argument("--write", action="store_true")
-    parser.add_argument("--run", choices=("ensemble", "by hand", "simulate"))
-    parser.add_argument("--devices", type=int, default=1)
-    options = parser.parse_args()
+HEADS = (
+    *("run", "states saved", "million body-steps per second", "over `ensemble`"),
+    *("processor time per body-step, ns", "largest memory, MB"),
+)
+MILLION = Table("reports/speed.md", "million", HEADS)
+SCALING = "processes", "bodies", "computing, s", "writing, s", "efficiency"
+
+
+def million(options: Any) -> None:
     bodies, steps = options.bodies, options.steps
     if options.run:
         run_once(options.run, bodies, steps, options.devices)
@@ -120,41 +120,34 @@ def main() -> None:
             costs[kind].append(measured(kind[0], bodies, steps, kind[1]))
             print(*kind, costs[kind][-1], flush=True)
     found = {kind: median(costs[kind]) for kind in kinds}
-    bare = found["ensemble", 1]
+    bare, one, size = found["ensemble", 1], found["simulate", 1], (steps // EVERY + 1) * bodies * STATE
     rows = [
         [
-            NAMES[kind] + (f", {devices} devices" if devices > 1 else ""),
-            SAVED[kind],
-            f"{bodies * steps / cost.wall / 1e6:.1f}",
-            f"{bare.wall / cost.wall:.2f}",
-            f"{cost.processor / (bodies * steps) * 1e9:.1f}",
-            f"{cost.memory / 1e6:.0f}",
+            *(NAMES[kind] + (f", {devices} devices" if devices > 1 else ""), SAVED[kind]),
+            *(f"{bodies * steps / cost.wall / 1e6:.1f}", f"{bare.wall / cost.wall:.2f}"),
+            *(f"{cost.processor / (bodies * steps) * 1e9:.1f}", f"{cost.memory / 1e6:.0f}"),
         ]
         for (kind, devices), cost in found.items()
     ]
-    heads = [
-        *("run", "states saved", "million body-steps per second", "over `ensemble`"),
-        *("processor time per body-step, ns", "largest memory, MB"),
-    ]
-    one = found["simulate", 1]
-    size = (steps // EVERY + 1) * bodies * STATE
     scaling = [
         [
-            f"{processes}",
-            f"{processes * bodies:.0e}".replace("+0", ""),
-            f"{one.wall:.0f}",
-            f"{processes * size / DISK:.1f}",
-            f"{one.wall / max(one.wall, processes * size / DISK):.2f}",
+            *(f"{processes}", f"{processes * bodies:.0e}".replace("+0", ""), f"{one.wall:.0f}"),
+            *(f"{processes * size / DISK:.1f}", f"{one.wall / max(one.wall, processes * size / DISK):.2f}"),
         ]
         for processes in PROCESSES
     ]
-    scaling_heads = ["processes", "bodies", "computing, s", "writing, s", "efficiency"]
-    for heads_of, table in ((heads, rows), (scaling_heads, scaling)):
-        print("\n".join(shown(heads_of, table)))
+    MILLION.show(options.write, rows)
+    lines = shown(SCALING, scaling)
     if options.write:
-        put("reports/speed.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
-        save("scaling", shown(scaling_heads, scaling))
+        save("scaling", lines)
 
+
+ARGUMENTS = {
+    "--bodies": {"type": int, "default": 1_000_000},
+    "--steps": {"type": int, "default": 1000},
+    "--run": {"choices": list(NAMES), "help": "only one run, in this process"},
+    "--devices": {"type": int, "default": 1},
+}
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, million, ARGUMENTS)

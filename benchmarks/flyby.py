@@ -7,30 +7,17 @@ largest angle between the attitude at the end and that by 9,216 steps, among the
 processor times on one core. `--write` puts the tables into the page.
 """
 
-import argparse
 import time
 
-from midlie_jax.advice.timing import pin
+import jax
+import jax.numpy as jnp
+import numpy as np
+import one_core  # noqa: F401
+from harness import Table, in_turn, main, save, shown
+from laboratory import flyby
 
-pin()  # before XLA counts the cores
+import midlie_jax as ml
 
-import jax  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from laboratory import flyby  # noqa: E402
-from pages import publish, put, save, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.advice.timing import timed  # noqa: E402
-
-MARKERS = {
-    "ratio": ("<!-- flyby ratio -->", "<!-- /flyby ratio -->"),
-    "adaptive": ("<!-- flyby adaptive -->", "<!-- /flyby adaptive -->"),
-    "outcome": ("<!-- flyby outcome -->", "<!-- /flyby outcome -->"),
-}
 PAGE = "reports/applications.md"
 COUNT, BY_SCIPY = 1000, 20  # phases; those that SciPy integrates, one by one, for time and error
 LADDER = {"JACOBI[EA]": (1152,), "JACOBI[SRKN6b]": (144, 288, 576, 1152), "GBS12": (192,)}
@@ -46,11 +33,10 @@ def ends(method, steps, starts):
     def call():
         return jax.block_until_ready(ml.ensemble(method, flyby.body(), flyby.torque(), starts, **run))
 
-    call()
+    path = call()
     first = time.process_time() - began
-    path, timing = timed(call, most=6)
     assert path.ok.all()
-    return path, timing.seconds, first
+    return path, in_turn([call], 6)[0], first
 
 
 def error_of(path, right):
@@ -86,33 +72,17 @@ def compared(rows):
 def adaptive(starts, right):
     density = ml.densities.OrbitalDistance(flyby.orbit(), flyby.PERIGEE)
 
-    def run(state, dt):
-        return ml.integrate_adaptive(
-            "JACOBI[SRKN6b]",
-            flyby.body(),
-            flyby.torque(),
-            state,
-            density=density,
-            dt=dt,
-            steps=1024,
-            save_every=None,
-            t0=-flyby.HALF,
-            t1=flyby.HALF,
-        )
-
-    many = jax.jit(jax.vmap(run, (0, None)))
+    run = {"density": density, "steps": 1024, "save_every": None, "t0": -flyby.HALF, "t1": flyby.HALF}
+    case = ("JACOBI[SRKN6b]", flyby.body(), flyby.torque())
+    many = jax.jit(jax.vmap(lambda state, dt: ml.integrate_adaptive(*case, state, dt=dt, **run), (0, None)))
     for dt in DTS:
-
-        def call(dt=dt):
-            return jax.block_until_ready(many(starts, jnp.asarray(dt)))
-
-        path, timing = timed(call, most=4)
+        path = many(starts, jnp.asarray(dt))
         assert path.ok.all()
+        (own,) = in_turn([lambda: many(starts, jnp.asarray(dt))], 4)  # noqa: B023  (called here)
         taken = int(path.taken.max())
-        same, constant_timing, _ = ends("JACOBI[SRKN6b]", taken, starts)
+        same, constant_seconds, _ = ends("JACOBI[SRKN6b]", taken, starts)
         errors = f"{error_of(path, right):.1e}", f"{error_of(same, right):.1e}"
-        times = (f"{1e6 * seconds / COUNT:.1f}" for seconds in (timing.seconds, constant_timing))
-        yield [f"{dt:.0f}", f"{taken}", *errors, *times]
+        yield [f"{dt:.0f}", f"{taken}", *errors, *(f"{1e6 * x / COUNT:.1f}" for x in (own, constant_seconds))]
 
 
 def outcome(starts, right):
@@ -128,44 +98,32 @@ def outcome(starts, right):
     yield ["pole moves by 10 degrees or more", f"{100 * np.mean(moved >= 10):.0f} %", "", "", "", ""]
 
 
-def write(name, lines):
-    """Puts a table into the page; all runs with constant steps only into a data file."""
-    if name == "constant":
-        save("flyby-constant-steps", lines)
-    elif name == "ratio":
-        publish(PAGE, *MARKERS[name], lines, "flyby-ratio", columns=(0, 1, 2, 4, 5))
-    else:
-        put(PAGE, *MARKERS[name], lines)
+TABLES = {
+    "ratio": Table(
+        *(PAGE, "flyby ratio", ["at the error of", "error, rad", "", "steps", "error, rad", "times faster"]),
+        data="flyby-ratio",
+        columns=(0, 1, 2, 4, 5),
+    ),
+    "adaptive": Table(
+        *(PAGE, "flyby adaptive"),
+        ["dt, s", "steps", "error, rad", "the same number of constant steps", "µs per body", "µs, constant"],
+    ),
+    "outcome": Table(PAGE, "flyby outcome", ["", "least", "5 %", "50 %", "95 %", "most"]),
+}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
-    write = parser.parse_args().write
+def whole(options):
     starts = jax.jit(flyby.starts, static_argnums=0)(COUNT)
     right, seconds, first = ends("JACOBI[SRKN6b]", REFERENCE, starts)
     print(f"reference: {seconds:.1f} s, first call {first:.1f} s", flush=True)
-    constant_heads = ["", "steps", "step, s", "error, rad", "µs per body", "first call, s"]
-    rows = []
-
-    def kept():
-        for row in constant(starts, right):
-            rows.append(row)
-            yield row
-
-    tables = {
-        "constant": shown(constant_heads, kept()),
-        "ratio": shown(["at the error of", "error, rad", "", "steps", "error, rad", "times faster"], compared(rows)),
-        "adaptive": shown(
-            ["dt, s", "steps", "error, rad", "the same number of constant steps", "µs per body", "µs, constant"],
-            adaptive(starts, right),
-        ),
-        "outcome": shown(["", "least", "5 %", "50 %", "95 %", "most"], outcome(starts, right)),
-    }
-    if write:
-        for name, lines in tables.items():
-            write(name, lines)
+    rows = list(constant(starts, right))
+    lines = shown(["", "steps", "step, s", "error, rad", "µs per body", "first call, s"], rows)
+    if options.write:
+        save("flyby-constant-steps", lines)
+    TABLES["ratio"].show(options.write, compared(rows))
+    TABLES["adaptive"].show(options.write, adaptive(starts, right))
+    TABLES["outcome"].show(options.write, outcome(starts, right))
 
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, whole)

@@ -17,7 +17,6 @@ The forms of a program:
   and the whole run of a top in one thread of one kernel. What could be gained by leaving XLA's loop of launches.
 """
 
-import argparse
 import contextlib
 import itertools
 import os
@@ -34,21 +33,17 @@ from unittest import mock
 import diffrax
 import jax
 import jax.numpy as jnp
+import limit
 import numpy as np
+from harness import REPORTS, link, main, part, put, row_of, save
+from laboratory.kinds.rigid import rates
+
+import midlie_jax as ml
+from midlie_jax.cli import scenes
+from midlie_jax.methods.runge_kutta import RungeKutta
+from midlie_jax.methods.splitting import Splitting
 
 jax.config.update("jax_enable_x64", True)
-
-import limit  # noqa: E402
-from laboratory.kinds.rigid import rates  # noqa: E402
-from pages import link, part, put, save  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.methods.runge_kutta import RungeKutta  # noqa: E402
-from midlie_jax.methods.splitting import Splitting  # noqa: E402
-
-ROOT = Path(__file__).resolve().parent.parent
-BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
 DRAWN = "<!-- drawn by: `python benchmarks/gpu.py --write` -->"
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
@@ -220,13 +215,8 @@ def table(figures: list[Figure]) -> list[str]:
     sizes = sorted({figure.job.bodies for figure in figures})
     found = {figure.job: figure for figure in figures}
     kinds = sorted(dict.fromkeys((f.job.dtype, f.job.form, f.job.method) for f in figures), key=lambda kind: kind[0])
-    heads = [
-        "body-steps per second",
-        "dtype",
-        "program",
-        *(f"{n:.0e} bodies" for n in sizes),
-        "difference from the CPU",
-    ]
+    columns = (f"{n:.0e} bodies" for n in sizes)
+    heads = ["body-steps per second", "dtype", "program", *columns, "difference from the CPU"]
     lines = [heads, ["---"] * len(heads)]
     for dtype, form, method in kinds:
         row = [found.get(Job(method, dtype, n, form)) for n in sizes]
@@ -245,7 +235,7 @@ def table(figures: list[Figure]) -> list[str]:
             cells = [f"{mine.speed / its.speed:.2g}" if mine and its else "" for mine, its in pairs]
             if any(cells):
                 lines.append([f"{method} over {name}", dtype, "ratio of speeds", *cells, ""])
-    return [f"| {' | '.join(line)} |" for line in lines]
+    return [row_of(line) for line in lines]
 
 
 def chart(figures: list[Figure], path: Path) -> None:
@@ -288,7 +278,7 @@ def write_page(device: str, lines: list[str]) -> None:
         lines, lambda row: row[1] == "float32" and (row[2] in (OURS, KERNEL) or row[0] == TSIT5), (0, 1, 2, 3, 5, 7, 9)
     )
     picture = "![Speed against the number of bodies](gpu.png)"
-    put("reports/gpu.md", BEGIN, END, [picture, "", DRAWN, "", f"{device}.", "", *rows, "", link("gpu")])
+    put("reports/gpu.md", "gpu", [picture, "", DRAWN, "", f"{device}.", "", *rows, "", link("gpu")])
 
 
 def where() -> str:
@@ -297,24 +287,23 @@ def where() -> str:
     return f"{device}, JAX {jax.__version__}, {day}. Dotted: one kernel for the whole run, CUDA by hand"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a few programs, to see that everything runs")
-    parser.add_argument("--seconds", type=float, default=540.0, help="no program is begun later")
-    parser.add_argument("--write", action="store_true", help="write docs/reports/gpu.md and docs/reports/gpu.png")
-    options = parser.parse_args()
+def measure(options: Any) -> None:
     if jax.default_backend() == "cpu" and not options.quick:
         sys.exit("JAX sees no accelerator here; `--quick` runs a few programs on the CPU.")
     figures: list[Figure] = []
     for figure in measured(list(jobs(options.quick)), options.seconds):
         figures.append(figure)
         print(f"{figure.job}: {figure.speed:.3g} body-steps per second, {figure.difference:.0f} eps", flush=True)
-    lines = [f"{where()}.", "", *table(figures)]
-    print("\n".join(lines))
-    chart(figures, ROOT / "docs" / "reports" / "gpu.png" if options.write else Path("gpu.png"))
+    print("\n".join([f"{where()}.", "", *table(figures)]))
+    chart(figures, REPORTS / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
         write_page(where(), table(figures))
 
 
+ARGUMENTS = {
+    "--quick": {"action": "store_true", "help": "a few programs, to see that everything runs"},
+    "--seconds": {"type": float, "default": 540.0, "help": "no program is begun later"},
+}
+
 if __name__ == "__main__":
-    main()
+    main(__doc__, measure, ARGUMENTS)

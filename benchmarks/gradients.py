@@ -1,50 +1,46 @@
-"""What a derivative costs: value and gradient over value, first calls, memory, put into docs/reports/speed.md.
+"""What a derivative costs: value and gradient over value, first calls and memory, put into docs/reports/speed.md.
 
-    python benchmarks/gradients.py [--write]
+    python benchmarks/gradients.py each [--write]    of each of 1000 fast tops P1 over 128 steps, beside diffrax
+    python benchmarks/gradients.py sum [--write]     of one sum over many tops
 
-1000 fast tops P1 take 128 steps in float64 on one core; the gradient is that of |Pi|^2 at the end with respect to the
-three moments and the weight, for each top. Times are medians of processor time, of programs that take turns; first
-calls include tracing and compiling. The memory is what the compiled gradient needs besides arguments and results, for
-one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint. Our programs have both
-options of the compiler (midlie_jax/_xla/compiler.py); Tsit5, which is faster without the second of them, has the first.
-Of 128 steps the default, `Checkpointed()`, keeps every state, as `every=1` does.
+float64 on one core; times are medians of processor time, of programs that take turns. The memory is what the compiled
+gradient needs besides arguments and results.
+
+Of each: the gradient is that of |Pi|^2 at the end with respect to the three moments and the weight, for each top; first
+calls include tracing and compiling, and the memory is for one top. diffrax's Tsit5 takes as many steps of the same
+length, with its default adjoint. Our programs have both options of the compiler (midlie_jax/_xla/compiler.py); Tsit5,
+which is faster without the second of them, has the first. Of 128 steps the default, `Checkpointed()`, keeps every
+state, as `every=1` does.
+
+Of one sum: the gradient is that of the sum over all tops of |Pi|^2 at the end, with respect to the weight, which all
+tops share: `jax.value_and_grad` of a loss around `jax.vmap` of `integrate`, with the options of the compiler that
+docs/performance.md recommends for many bodies.
 """
 
-import time
+import diffrax
+import jax
+import jax.numpy as jnp
+import one_core  # noqa: F401
+from harness import Table, compiled, in_turn, main
 
-from midlie_jax.advice.timing import pin
+import midlie_jax as ml
+from midlie_jax._xla.compiler import compiler_options, vector_width_options
+from midlie_jax.cli import scenes
 
-pin()  # before XLA counts the cores
-
-import diffrax  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-from pages import command, publish  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
-from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
-from midlie_jax.cli import scenes  # noqa: E402
-
-BEGIN, END = "<!-- gradients -->", "<!-- /gradients -->"
 BODIES, STEPS, DT = 1000, 128, 0.005
 LONG = (1_000, 100_000)  # steps of the runs whose memory is compared
+SIZES = ((128, 1000), (1000, 256), (10_000, 64))  # steps and bodies of the sums
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]")
-ADJOINTS = {"`Checkpointed(every=1)`": ml.Checkpointed(every=1), "`Reversible()`": ml.Reversible()}
 SCENE = scenes.scene("P1")
 PARAMETERS = (SCENE.body.moments, SCENE.torque.weight)
-STARTS = scenes.perturbed(SCENE, BODIES, 1e-3)
 
 
-def ours(name, adjoint, steps):
+def ours(name, adjoint, steps, every=None):
     def end(parameters, start):
         moments, weight = parameters
-        run = {"dt": DT, "steps": steps, "save_every": steps, "adjoint": adjoint}
-        path = ml.integrate(name, ml.RigidBody(moments), ml.torques.HeavyTop(weight), start, **run)
-        return jnp.sum(path.states.momentum[-1] ** 2)
+        run = {"dt": DT, "steps": steps, "save_every": every, "adjoint": adjoint}
+        momentum = ml.integrate(name, ml.RigidBody(moments), ml.torques.HeavyTop(weight), start, **run).states.momentum
+        return jnp.sum((momentum if every is None else momentum[-1]) ** 2)
 
     return end
 
@@ -67,45 +63,61 @@ def tsit5(parameters, start):
     return jnp.sum(found.ys[-1, :3] ** 2)
 
 
-def compiled(function, options):
-    """The compiled function of the starts, and the seconds of a first call without the run."""
-    began = time.process_time()
-    program = jax.jit(jax.vmap(function)).lower(STARTS).compile(compiler_options=options)
-    return program, time.process_time() - began
+def each():
+    starts = scenes.perturbed(SCENE, BODIES, 1e-3)
 
+    def row(label, adjoint, end, options):
+        functions = (lambda start: end(PARAMETERS, start), lambda start: jax.value_and_grad(end)(PARAMETERS, start))
+        calls = [compiled(jax.vmap(function), starts, options=options) for function in functions]
+        value, both = in_turn(calls, 31, 61)
+        nanoseconds = f"{1e9 * both / BODIES / STEPS:.0f}"
+        return [label, adjoint, f"{both / value:.1f}", nanoseconds, f"{calls[1].seconds:.0f} s"]
 
-def memory(name, adjoint, steps):
-    """Bytes that the gradient of one top needs besides arguments and results."""
-    gradient = jax.jit(jax.grad(ours(name, adjoint, steps)))
-    analysis = gradient.lower(PARAMETERS, SCENE.start).compile().memory_analysis()
-    return analysis.temp_size_in_bytes
-
-
-def row(label, adjoint, end, options):
-    value, _ = compiled(lambda start: end(PARAMETERS, start), options)
-    gradient, seconds = compiled(lambda start: jax.value_and_grad(end)(PARAMETERS, start), options)
-    calls = [lambda: jax.block_until_ready(value(STARTS)), lambda: jax.block_until_ready(gradient(STARTS))]
-    (_, one), (_, both) = timed_in_turn(calls, least=31, most=61)
-    nanoseconds = 1e9 * both.seconds / BODIES / STEPS
-    return [label, adjoint, f"{both.seconds / one.seconds:.1f}", f"{nanoseconds:.0f}", f"{seconds:.0f} s"]
-
-
-HEADS = ("method", "adjoint", "value and gradient over value", "ns per body-step", "first call")
-HEADS += tuple(f"memory, {steps} steps" for steps in LONG)
-
-
-def rows():
     for name in METHODS:
-        for label, adjoint in ADJOINTS.items():
-            sizes = [f"{memory(name, adjoint, steps) / 1e3:.0f} kB" for steps in LONG]
-            yield [*row(name, label, ours(name, adjoint, STEPS), compiler_options(BODIES)), *sizes]
+        for adjoint in (ml.Checkpointed(every=1), ml.Reversible()):
+            ends = [ours(name, adjoint, n, n) for n in LONG]
+            gradients = [compiled(jax.grad(end), PARAMETERS, SCENE.start, options={}) for end in ends]
+            label = "`Reversible()`" if isinstance(adjoint, ml.Reversible) else "`Checkpointed(every=1)`"
+            sizes = [f"{gradient.memory / 1e3:.0f} kB" for gradient in gradients]
+            yield [*row(name, label, ours(name, adjoint, STEPS, STEPS), compiler_options(BODIES)), *sizes]
     yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5, vector_width_options()), *("" for _ in LONG)]
 
 
-def write(lines):
-    """Puts the whole table into its data file, and the recommended methods and diffrax into the page."""
-    publish("reports/speed.md", BEGIN, END, lines, "gradients", lambda row: row[0] != "LIEMID[EA]", (0, 1, 2, 3, 6))
+def summed(end, starts):
+    return lambda weight: jnp.sum(jax.vmap(lambda start: end((SCENE.body.moments, weight), start))(starts))
 
+
+def sums():
+    adjoints = {"`Checkpointed()`": ml.Checkpointed(), "`Reversible()`": ml.Reversible()}
+    for steps, bodies in SIZES:
+        starts = scenes.perturbed(SCENE, bodies, 1e-3)
+        for name in METHODS:
+            losses = [summed(ours(name, adjoint, steps), starts) for adjoint in adjoints.values()]
+            weight = float(SCENE.torque.weight)
+            programs = [compiled(f, weight, bodies=bodies) for f in (losses[0], *map(jax.value_and_grad, losses))]
+            value, *both = in_turn(programs, 7, 31, longest=2.0)
+            for label, program, seconds in zip(adjoints, programs[1:], both, strict=True):
+                cells = (
+                    f"{seconds / value:.1f}",
+                    f"{1e9 * seconds / steps / bodies:.0f}",
+                    f"{program.memory / 1e6:.1f} MB",
+                )
+                yield [f"{steps} x {bodies}", name, label, *cells]
+
+
+KEY = ["128 x 1000", "JACOBI[EA]"], ["10000 x 64", "JACOBI[EA]"]  # the rows of sums on the page
+RATIO = "value and gradient over value", "ns per body-step"
+TABLES = {
+    "each": Table(
+        *("reports/speed.md", "gradients"),
+        ("method", "adjoint", *RATIO, "first call", *(f"memory, {steps} steps" for steps in LONG)),
+        *(each, "gradients", lambda row: row[0] != "LIEMID[EA]", (0, 1, 2, 3, 6)),
+    ),
+    "sum": Table(
+        *("reports/speed.md", "sums", ("steps x bodies", "method", "adjoint", *RATIO, "memory"), sums),
+        *("gradients-of-sums", lambda row: row[:2] in KEY),
+    ),
+}
 
 if __name__ == "__main__":
-    command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows(), write)
+    main(__doc__, TABLES)

@@ -1,8 +1,8 @@
 """The kernels of a step on a GPU, counted on a machine without one.
 
-    make kernels
+    make kernels        python benchmarks/kernels.py --write
 
-prints a table and puts it between the markers in docs/reports/gpu.md. XLA's CUDA compiler needs no GPU: it compiles for
+puts a table into docs/reports/gpu.md. XLA's CUDA compiler needs no GPU: it compiles for
 the card that `h200.txtpb` describes (NVIDIA H200), and this file reads the optimised program. A step is counted inside
 the loop over steps, without what happens once before and after that loop.
 
@@ -16,6 +16,7 @@ import re
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
@@ -25,33 +26,23 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 import jax
 import jax.numpy as jnp
+from harness import Table, main
 from jax.experimental import topologies
 from jax.sharding import SingleDeviceSharding
 
+import midlie_jax as ml
+from midlie_jax._xla import fusion
+from midlie_jax.drivers.arguments import as_method
+from midlie_jax.methods import runge_kutta
+from midlie_jax.methods.base import Method
+
 jax.config.update("jax_enable_x64", True)
-
-from pages import publish  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax._xla import fusion  # noqa: E402
-from midlie_jax.drivers.arguments import as_method  # noqa: E402
-from midlie_jax.methods import runge_kutta  # noqa: E402
-from midlie_jax.methods.base import Method  # noqa: E402
-
 CARD = Path(__file__).with_name("h200.txtpb")
-BEGIN, END = "<!-- kernels -->", "<!-- /kernels -->"
 BATCH, ITERATIONS = 10007, 37  # numbers that nothing else in the program has
 
 NAMES = (
-    "SYMMETRIC[EA]",
-    "JACOBI[EA]",
-    "LIEMID[EA]",
-    "RK4",
-    "DOP853",
-    "GBS12",
-    "AKW",
-    "JACOBI[SRKN14a]",
-    "SYMMETRIC[SRKN14a]",
+    *("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "RK4", "DOP853", "GBS12", "AKW"),
+    *("JACOBI[SRKN14a]", "SYMMETRIC[SRKN14a]"),
 )
 
 # Beside the methods as they are: what other forms of their programs would cost, by the arguments of `compiled`.
@@ -68,13 +59,7 @@ _INSTRUCTION = re.compile(r"\s+(?:ROOT )?%?([\w.\-]+) = (\(.*?\)|\S+) ([\w\-]+)\
 
 
 class Launches(NamedTuple):
-    """What a part of a program launches.
-
-    Attributes:
-        kernels: kernels over the batch.
-        small: other kernels.
-        size: bytes that the kernels over the batch read and write.
-    """
+    """What a part of a program launches: kernels over the batch, others, and bytes that the first read and write."""
 
     kernels: float
     small: float
@@ -88,14 +73,7 @@ class Launches(NamedTuple):
 
 
 class Compiled(NamedTuple):
-    """A program for the card.
-
-    Attributes:
-        unroll: steps in an iteration of the loop over steps.
-        step: the launches of a step and the bytes a body.
-        seconds: of tracing and compiling.
-        ptx: the code of all its kernels.
-    """
+    """A program for the card: steps in an iteration, launches of a step and bytes a body, seconds, code of kernels."""
 
     unroll: int
     step: Launches
@@ -231,31 +209,26 @@ def _size(shape: str) -> int:
     return total
 
 
-def row(name: str, dtype: str, **form: Any) -> str:
+def row(name: str, dtype: str, **form: Any) -> list[str]:
     found = compiled(name, dtype, **form)
     kernels, small, size = (f"{x:.4g}" for x in found.step)
     words = "other number of steps per iteration" if "unroll" in form else "not cut" if form else ""
-    cells = (name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
-    line = f"| {' | '.join(cells)} |"
-    print(line, flush=True)
-    return line
+    return [name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s"]
 
 
-def write(lines: list[str]) -> None:
-    """Puts the whole table into its data file, and the programs as they are in float32 into the page."""
-    publish("reports/gpu.md", BEGIN, END, lines, "gpu-kernels", lambda row: row[1:3] == ["float32", ""], (0, 3, 4, 5))
-
-
-def main() -> None:
+def rows() -> Iterator[list[str]]:
     if missing():
         sys.exit(missing())
-    heads = ("method", "dtype", "form", "steps per iteration", "launches per step", "bytes per body-step", "compile")
-    lines = [f"| {' | '.join(heads)} |", f"| {' | '.join(['---'] * len(heads))} |"]
     for name in NAMES:
         for dtype in ("float32", "float64"):
-            lines += [row(name, dtype), *(row(name, dtype, **form) for form in FORMS.get((name, dtype), ()))]
-    write(lines)
+            yield from (row(name, dtype, **form) for form in ({}, *FORMS.get((name, dtype), ())))
 
+
+TABLE = Table(
+    *("reports/gpu.md", "kernels"),
+    ("method", "dtype", "form", "steps per iteration", "launches per step", "bytes per body-step", "compile"),
+    *(rows, "gpu-kernels", lambda row: row[1:3] == ["float32", ""], (0, 3, 4, 5)),
+)
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, TABLE)

@@ -1,49 +1,28 @@
 """What a body-step costs with each kind of state, and beside MuJoCo and MJX: docs/reports/speed.md.
 
-    python benchmarks/kinds_of_state.py [--write]
+    python benchmarks/kinds_of_state.py [kinds] [throw] [--write]
 
 Ratios of processor times on one core, medians of rounds in which all programs take turns; 4096 bodies through
 `ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page.
 """
 
-import argparse
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from midlie_jax.advice.timing import pin, timed_in_turn
+import jax
+import jax.numpy as jnp
+import one_core  # noqa: F401
+from harness import Table, compiled, first_call, in_turn, main
+from laboratory import scenes, thrown_brick
 
-pin()  # before XLA counts the cores
+import midlie_jax as ml
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-import first_call  # noqa: E402
-from laboratory import scenes, thrown_brick  # noqa: E402
-from pages import publish, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax._xla.compiler import compiler_options  # noqa: E402
-
-PAGE = "reports/speed.md"
-BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
-THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
 BODIES, DT, ROUNDS = 4096, 0.005, 9
 STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80, "GBS12": 80, "DOP853": 160}  # by scheme or method
 PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81])
 DTYPES = ("float64", "float32")
-HEADS = (
-    "method",
-    "state",
-    "float64, ns",
-    "relative to `RigidState`",
-    "float32, ns",
-    "relative to `RigidState`",
-    "first call, s",
-)
 
 
 def rigid(name: str) -> tuple[Any, Any, Any]:
@@ -141,64 +120,54 @@ def ensemble(method: str, state: str, dtype: str) -> tuple[Callable[[Any], Any],
     return lambda start: ml.ensemble(method, body, torque, start, dt=DT, steps=steps_of(method)), starts
 
 
-def compiled(*case: str) -> Callable[[], Any]:
+def program(*case: str) -> Callable[[], Any]:
     """A run as a compiled program, without the checks of each call."""
     run, starts = ensemble(*case)
-    program = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(starts).compile()
-    if not bool(jnp.all(program(starts).ok)):
+    call = compiled(run, starts, bodies=BODIES)
+    if not bool(jnp.all(call().ok)):
         raise RuntimeError(f"{' '.join(case)} failed; take a shorter step.")
-    return lambda: jax.block_until_ready(program(starts))
+    return call
 
 
-def print_first_call(*case: str) -> None:
+def call_of(*case: str) -> Callable[[], Any]:
     run, starts = ensemble(*case)
     jax.block_until_ready(starts)
-    first_call.report(lambda: run(starts))
+    return lambda: run(starts)
 
 
 def rows() -> Iterator[list[str]]:
     """For each method and state the time of a body-step, in both dtypes, and of a first call."""
     keys = [(*case, dtype) for case in CASES for dtype in DTYPES]
-    timings = timed_in_turn([compiled(*key) for key in keys], least=ROUNDS, most=ROUNDS)
-    costs = {key: 1e9 * t.seconds / (BODIES * steps_of(key[0])) for key, (_, t) in zip(keys, timings, strict=True)}
+    times = in_turn([program(*key) for key in keys], ROUNDS)
+    costs = {key: 1e9 * t / (BODIES * steps_of(key[0])) for key, t in zip(keys, times, strict=True)}
     for method, state in CASES:
         own = [costs[method, state, dtype] for dtype in DTYPES]
         whole = [costs[method, measure(state), dtype] for dtype in DTYPES]
         cells = [text for mine, its in zip(own, whole, strict=True) for text in (f"{mine:.3g}", f"{mine / its:.2f}")]
-        yield [
-            f"`{method}`",
-            re.sub(r"\w+State", r"`\g<0>`", state),
-            *cells,
-            f"{first_call.seconds(__file__, method, state, 'float64'):.1f}",
-        ]
+        first = first_call(__file__, method, state, "float64")
+        yield [f"`{method}`", re.sub(r"\w+State", r"`\g<0>`", state), *cells, f"{first:.1f}"]
 
 
-def write(states: list[str]) -> None:
-    """Puts the whole table into its data file, and what two methods take in float64 into the page."""
-    key = ("`JACOBI[EA]`", "`SYMMETRIC[EA]`")
-    chosen = lambda row: row[0] in key and not row[1].startswith("`RigidState`")  # noqa: E731
-    publish("reports/speed.md", BEGIN, END, states, "kinds-of-state", chosen, range(4))
+def is_short(row: list[str]) -> bool:
+    """Of the page: what two methods take in float64 with the other states."""
+    return row[0] in ("`JACOBI[EA]`", "`SYMMETRIC[EA]`") and not row[1].startswith("`RigidState`")
 
 
-def write_throw(lines: list[str]) -> None:
-    """Puts the whole table of the thrown brick into its data file, and all but the Euler methods into the page."""
-    marks = THROW_BEGIN, THROW_END
-    publish("reports/speed.md", *marks, lines, "thrown-brick", lambda row: not row[0].endswith("Euler"), range(4))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
-    parser.add_argument("--first", nargs=3, metavar="PART", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.first:
-        print_first_call(*options.first)
-        return
-    states, throw = shown(HEADS, rows()), shown(thrown_brick.HEADS, thrown_brick.rows())
-    if options.write:
-        write(states)
-        write_throw(throw)
+OVER = "relative to `RigidState`"
+KINDS = Table(
+    *(
+        "reports/speed.md",
+        "kinds",
+        ("method", "state", "float64, ns", OVER, "float32, ns", OVER, "first call, s"),
+        rows,
+    ),
+    *("kinds-of-state", is_short, range(4)),
+)
+THROW = Table(
+    *("reports/speed.md", "throw", thrown_brick.HEADS, thrown_brick.rows),
+    *("thrown-brick", lambda row: not row[0].endswith("Euler"), range(4)),
+)
 
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, {"kinds": KINDS, "throw": THROW}, first=call_of)

@@ -9,25 +9,17 @@ gradient with respect to all weights are those of |Pi|^2 at the end: of one body
 body. All are processor time.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 
-from midlie_jax.advice.timing import pin
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import one_core  # noqa: F401
+from harness import Table, in_turn, main
 
-pin()  # before XLA counts the cores
-
-import equinox as eqx  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-from pages import publish, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax._xla import replay  # noqa: E402
-from midlie_jax.advice.timing import timed  # noqa: E402
+import midlie_jax as ml
+from midlie_jax._xla import replay
 
 BODIES, DT = 1000, 0.005
 STEPS = {"integrate": 2000, "ensemble": 64}
@@ -114,18 +106,16 @@ def measured(transform, function, torque, body_steps):
     began = time.process_time()
     jax.block_until_ready(program(arrays))
     first = time.process_time() - began
-    later = timed(lambda: jax.block_until_ready(program(arrays)), least=3, most=9, longest=2.0)[1].seconds
+    (later,) = in_turn([lambda: program(arrays)], 3, 9, longest=2.0)
     return f"{first:.1f} s", f"{1e9 * later / body_steps:.0f} ns"
 
 
-HEADS = ["torque", "driver", "value: first call", "time per step", "value and gradient: first call", "time per step"]
 KEY = ("network of width 16", "network of width 128", "12 facets")
 
 
 def rows(method, torques):
-    measured(
-        lambda f: f, run_of(method, "integrate")[0], ml.torques.HeavyTop(1.0), 1
-    )  # what every program compiles once
+    end, _ = run_of(method, "integrate")
+    measured(lambda f: f, end, ml.torques.HeavyTop(1.0), 1)  # what every program compiles once
     for name, torque in torques.items():
         for driver in STEPS:
             end, body_steps = run_of(method, driver)
@@ -134,23 +124,27 @@ def rows(method, torques):
             yield [name, f"`{driver}`", *value, *both]
 
 
-def write(lines):
-    """Puts the whole table into its data file, and the ensembles of `KEY` into the page."""
-    marks = "<!-- networks -->", "<!-- /networks -->"
-    key = lambda row: row[0] in KEY and row[1] == "`ensemble`"  # noqa: E731
-    publish("reports/speed.md", *marks, lines, "networks", key, (0, 2, 3, 4, 5))
+TABLE = Table(
+    *("reports/speed.md", "networks"),
+    ("torque", "driver", "value: first call", "time per step", "value and gradient: first call", "time per step"),
+    data="networks",
+    key=lambda row: row[0] in KEY and row[1] == "`ensemble`",
+    columns=(0, 2, 3, 4, 5),
+)
 
+
+def measure(options):
+    if options.on:
+        replay._suits_arrays = lambda closed: options.on == "arrays"
+    networks = {f"network of width {width}": network(width) for width in options.widths}
+    TABLE.show(options.write, rows(options.method, networks | {name: formula(name) for name in FORMULAS}))
+
+
+ARGUMENTS = {
+    "--method": {"default": "JACOBI[EA]"},
+    "--widths": {"type": int, "nargs": "+", "default": [1, 2, 4, 8, 16, 32, 64, 128]},
+    "--on": {"choices": ["scalars", "arrays"], "help": "evaluate the torque so, whatever its size"},
+}
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--method", default="JACOBI[EA]")
-    parser.add_argument("--widths", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64, 128])
-    parser.add_argument("--on", choices=["scalars", "arrays"], help="evaluate the torque so, whatever its size")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/reports/speed.md")
-    given = parser.parse_args()
-    if given.on:
-        replay._suits_arrays = lambda closed: given.on == "arrays"
-    networks = {f"network of width {width}": network(width) for width in given.widths}
-    lines = shown(HEADS, rows(given.method, networks | {name: formula(name) for name in FORMULAS}))
-    if given.write:
-        write(lines)
+    main(__doc__, measure, ARGUMENTS)

@@ -9,20 +9,14 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+import one_core  # noqa: F401
+from harness import Table, in_turn, main
 
-jax.config.update("jax_enable_x64", True)
+import midlie_jax as ml
 
-from pages import command  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.advice.timing import pin, timed_in_turn  # noqa: E402
-
-BEGIN, END = "<!-- observed -->", "<!-- /observed -->"
 BODIES, STEPS, TURNS = 10_000, 100, 11
-HEADS = ("at each step", "ns per body-step", "more than the motion alone, ns")
 
 
 def component(t: Any, state: Any) -> Any:
@@ -46,16 +40,15 @@ def rows() -> Iterator[list[str]]:
     start = ml.RigidState(jnp.asarray(random.normal(size=(BODIES, 3))), jnp.asarray(attitudes))
     body = ml.RigidBody(jnp.array([2.0, 2.0, 1.0]))
     names, runs = zip(*((name, partial(run, body, start, options)) for name, options in cases()), strict=True)
-    timings = timed_in_turn(runs, least=TURNS, most=TURNS)
-    times = [timing.seconds / (BODIES * STEPS) * 1e9 for _, timing in timings]
+    times = [seconds / (BODIES * STEPS) * 1e9 for seconds in in_turn(runs, TURNS)]
     for name, nanoseconds in zip(names, times, strict=True):
         yield [name, f"{nanoseconds:.0f}", f"{nanoseconds - times[0]:.0f}"]
 
 
 def run(body: Any, start: Any, options: dict[str, Any]) -> Any:
-    return jax.block_until_ready(ml.ensemble("SYMMETRIC[EA]", body, None, start, dt=0.05, steps=STEPS, **options))
+    return ml.ensemble("SYMMETRIC[EA]", body, None, start, dt=0.05, steps=STEPS, **options)
 
 
 if __name__ == "__main__":
-    pin()
-    command(__doc__, "api.md", BEGIN, END, HEADS, rows())
+    heads = "at each step", "ns per body-step", "more than the motion alone, ns"
+    main(__doc__, Table("api.md", "observed", heads, rows))

@@ -1,14 +1,22 @@
-"""Measures what normal random numbers cost in a step, by generator of the words and by transform to normal numbers.
+"""Random numbers: what normal numbers cost in a step, and the words for programs that test their quality.
 
-    python benchmarks/random_numbers.py [--turns 15] [--rows NAME ...]
+    python benchmarks/random_numbers.py cost [--turns 15] [--rows NAME ...]
+    python benchmarks/random_numbers.py words --order ORDER | RNG_test stdin32 -tlmax 32GB      (PractRand)
+    python benchmarks/random_numbers.py words --order ORDER | dieharder -a -g 200
 
-Nanoseconds of processor time for three numbers of one body, on one core: what a step of SYMMETRIC[EA] takes longer if
-they are added to the momentum, and in brackets the share of the step without them. The bodies, 1024 heavy tops, move in
-chunks of 256; the least time of runs that take turns. `fused` computes the numbers in the loop of the step, `apart` in
-a loop of their own before it.
+cost: nanoseconds of processor time for three numbers of one body, on one core: what a step of SYMMETRIC[EA] takes
+longer if they are added to the momentum, and in brackets the share of the step without them. The bodies, 1024 heavy
+tops, move in chunks of 256; the least time of runs that take turns. `fused` computes the numbers in the loop of the
+step, `apart` in a loop of their own before it.
+
+words: those of `midlie_jax/_math/counter.py` without end, in one of the orders in which they are used: `steps` is one
+body step by step; `bodies` is 256 bodies side by side, whose keys JAX has split, step by step; `seeds` is the first
+step of bodies whose keys are 0, 1, 2, ...; `high` is the same with the digits of the key reversed, so that the highest
+change first; `members` is that of the members 0, 1, 2, ... of one body; `stages` is sixteen stages in each step.
 """
 
-import argparse
+import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,8 +24,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import one_core  # noqa: F401
+from harness import Table, main
 from jax import Array
-from pages import shown
 
 import midlie_jax as ml
 from midlie_jax._math import components as cp
@@ -25,12 +34,10 @@ from midlie_jax._math import normals as package
 from midlie_jax._math.counter import words
 from midlie_jax._xla.compiler import tuned_jit
 from midlie_jax._xla.fusion import split
-from midlie_jax.advice.timing import Stopwatch, pin
+from midlie_jax.advice.timing import Stopwatch
 from midlie_jax.cli import scenes
 from midlie_jax.drivers.clock import ends_of_step
 from midlie_jax.methods.system import Motion, System
-
-jax.config.update("jax_enable_x64", True)
 
 CHUNKS, CHUNK, STEPS, DT = 4, 256, 2000, 0.005
 Words = Sequence[Array]
@@ -219,11 +226,61 @@ def measured(rows: Sequence[Row], turns: int) -> Iterator[list[str]]:
         yield [row.generator, row.transform or "its own", place, *(f"{x:.2f} ({x / whole:.2f})" for x, whole in more)]
 
 
+# ---- the words, for programs that test them ----
+
+AT_ONCE, BODIES, STAGES = 2**18, 256, 16
+ORDERS = ("steps", "bodies", "seeds", "high", "members", "stages")
+
+
+def reversed_bits(n: np.ndarray) -> np.ndarray:
+    digits = np.unpackbits(n.astype(">u4").view(np.uint8).reshape(-1, 4), axis=1)[:, ::-1]
+    return np.packbits(digits, axis=1).view(">u4").ravel().astype(np.uint32)
+
+
+def arguments(order: str, block: int) -> tuple[Any, Any, Any, Any]:
+    """Key, step, stage and member of the words of a block, and the same for `jax.vmap`."""
+    n = np.arange(block * AT_ONCE, (block + 1) * AT_ONCE, dtype=np.uint32)
+    zero = np.zeros_like(n)
+    key = jax.random.key_data(jax.random.key(1, impl="threefry2x32"))
+    ours = [np.broadcast_to(np.asarray(k), n.shape) for k in key]
+    if order == "bodies":
+        keys = np.asarray(jax.random.key_data(jax.random.split(jax.random.wrap_key_data(key), BODIES)))
+        return (*keys[n % BODIES].T,), n // BODIES, zero, zero
+    if order in ("seeds", "high"):
+        return (zero, n if order == "seeds" else reversed_bits(n)), zero, zero, zero
+    if order == "members":
+        return tuple(ours), zero, zero, n
+    return tuple(ours), n // STAGES if order == "stages" else n, n % STAGES if order == "stages" else zero, zero
+
+
+@jax.jit
+def drawn(key: tuple[Array, Array], step: Array, stage: Array, member: Array) -> Array:
+    return jnp.stack(words(key, step, stage, member, 4), axis=-1)
+
+
+def stream(options: Any) -> None:
+    block = 0
+    try:
+        while True:
+            sys.stdout.buffer.write(np.asarray(drawn(*arguments(options.order, block))).tobytes())
+            block += 1
+    except BrokenPipeError:  # the test has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+COST = Table("", "", ["words", "numbers", "loop", "float32, ns", "float64, ns"])
+
+
+def cost(options: Any) -> None:
+    rows = [row for row in ROWS if not options.rows or row.generator in options.rows]
+    COST.show(False, measured(rows, options.turns))
+
+
+ARGUMENTS = {
+    "--turns": {"type": int, "default": 15},
+    "--rows": {"nargs": "*", "help": "only those with one of these generators"},
+    "--order": {"choices": ORDERS, "default": "steps"},
+}
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--turns", type=int, default=15)
-    parser.add_argument("--rows", nargs="*", help="only those with one of these generators")
-    given = parser.parse_args()
-    pin()
-    rows = [row for row in ROWS if not given.rows or row.generator in given.rows]
-    shown(["words", "numbers", "loop", "float32, ns", "float64, ns"], measured(rows, given.turns))
+    main(__doc__, {"cost": cost, "words": stream}, ARGUMENTS)

@@ -16,6 +16,7 @@ import statistics
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 ONE_CORE = "--all-cores" not in sys.argv
@@ -27,12 +28,9 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import limit  # noqa: E402
 import numpy as np  # noqa: E402
-from scipy.integrate import solve_ivp  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
+from harness import Table, main  # noqa: E402
 from laboratory.kinds.rigid import rates  # noqa: E402
-from pages import publish  # noqa: E402
+from scipy.integrate import solve_ivp  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
@@ -41,9 +39,7 @@ from midlie_jax.cli import scenes  # noqa: E402
 from midlie_jax.methods.flights import FLIGHTS  # noqa: E402
 from midlie_jax.methods.registry import ENTRIES, paper_methods  # noqa: E402
 
-ROOT = Path(__file__).resolve().parent.parent
-BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-HEADS = ("LIEMID[EA] on P1, 4096 bodies, float64, unless stated", "measured", "relative speed", "first call")
+jax.config.update("jax_enable_x64", True)
 KEY = (
     *("LIEMID[EA]", "LIEMID[EA], 2 cores", "LIEMID[EA], float32", "JACOBI[EA]", "SYMMETRIC[EA]"),
     *("DLM[EA]", "AKW", "NMB", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]"),
@@ -51,13 +47,13 @@ KEY = (
 )
 
 
+def starts(scene, batch):
+    return scenes.perturbed(scene, batch, 1e-3)
+
+
 def median_seconds(call, repeats=6):
     """Median time of the runs after the first."""
     return timed(lambda: jax.block_until_ready(call()), least=1, most=repeats, clock=user_clock())[1].seconds
-
-
-def starts(scene, batch):
-    return scenes.perturbed(scene, batch, 1e-3)
 
 
 def compiled(function, argument, options=None):
@@ -73,8 +69,9 @@ def body_step(run, scene, batch, steps, options=None):
     """Seconds a body-step of `run(start)` over a batch of starts (without vmap for 1), and seconds of compiling."""
     many = starts(scene, batch)
     if batch == 1:
-        program, compiling = compiled(run, jax.tree.map(lambda x: x[0], many), options)
-        return median_seconds(lambda: program(jax.tree.map(lambda x: x[0], many))) / steps, compiling
+        one = jax.tree.map(lambda x: x[0], many)
+        program, compiling = compiled(run, one, options)
+        return median_seconds(lambda: program(one)) / steps, compiling
     program, compiling = compiled(jax.vmap(run), many, options)
     return median_seconds(lambda: program(many)) / (steps * batch), compiling
 
@@ -97,21 +94,20 @@ def ambient(scene, t, y):
     return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])
 
 
+def in_diffrax(term, solver, times, start):
+    """The end of steps between these times, without a derivative."""
+    options = {"stepsize_controller": diffrax.StepTo(ts=times), "adjoint": diffrax.ForwardMode(), "max_steps": None}
+    return diffrax.diffeqsolve(term, solver, times[0], times[-1], None, start, **options).ys
+
+
 def tsit5_run(scene, dt, steps):
     """diffrax's Tsit5 on momentum and quaternion with a constant step, as a function of the start."""
 
     def run(start):
-        return diffrax.diffeqsolve(
-            diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y)),
-            diffrax.Tsit5(),
-            0.0,
-            dt * steps,
-            None,
-            jnp.concatenate([start.momentum, start.attitude], axis=-1),
-            stepsize_controller=diffrax.StepTo(ts=dt * jnp.arange(steps + 1.0)),
-            adjoint=diffrax.ForwardMode(),
-            max_steps=None,
-        ).ys[-1]
+        y = jnp.concatenate([start.momentum, start.attitude], axis=-1)
+        return in_diffrax(
+            diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y)), diffrax.Tsit5(), dt * jnp.arange(steps + 1.0), y
+        )[-1]
 
     return run
 
@@ -143,21 +139,8 @@ def equal_time_errors(scene, ratio, time=1.0, steps=400):
 
 def through_diffrax(scene, batch, steps):
     """Cost of LIEMID[EA] as a solver of diffrax, with the steps and the end of `ours` and no derivative."""
-    times = 0.005 * jnp.arange(steps + 1.0)
-
-    def run(start):
-        return diffrax.diffeqsolve(
-            ml.RigidBodyTerm(scene.body, scene.torque),
-            ml.LieSolver("LIEMID[EA]"),
-            times[0],
-            times[-1],
-            None,
-            start,
-            stepsize_controller=diffrax.StepTo(ts=times),
-            adjoint=diffrax.ForwardMode(),
-            max_steps=None,
-        ).ys
-
+    term, times = ml.RigidBodyTerm(scene.body, scene.torque), 0.005 * jnp.arange(steps + 1.0)
+    run = partial(in_diffrax, term, ml.LieSolver("LIEMID[EA]"), times)
     return body_step(run, scene, batch, steps)
 
 
@@ -327,44 +310,31 @@ def rows(scene, quick):
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
 
 
-def table(lines):
-    text = [HEADS, ("---",) * 4, *lines]
-    return [f"| {' | '.join(line)} |" for line in text]
-
-
-def write(whole):
-    """Writes the whole table to its data file; the rows of `KEY` and of C in float64 go into the page."""
-    publish("reports/speed.md", BEGIN, END, whole, "speed", is_key, (0, 2, 3))
-
-
 def is_key(row):
     return row[0] in KEY or row[0].endswith("float64, relative to C")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--flights", action="store_true", help="only the rows that compare flights and schemes")
-    parser.add_argument("--limits", action="store_true", help="only the rows that compare with the limit in C")
-    parser.add_argument("--only-first", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--all-cores", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+HEADS = ("LIEMID[EA] on P1, 4096 bodies, float64, unless stated", "measured", "relative speed", "first call")
+TABLE = Table("reports/speed.md", "bench", HEADS, data="speed", key=is_key, columns=(0, 2, 3))
+
+
+def measure(options):
     scene = scenes.scene("P1")
     if options.only_first:
         print("RESULT", ours("LIEMID[EA]", scene, 4096, 100)[0])
         return
-    lines = []
-    if options.limits:
-        chosen = limits(scene, 4096, 400)
-    else:
-        chosen = flight_rows(scene, 4096, 100) if options.flights else rows(scene, options.quick)
-    for line in chosen:
-        print(" | ".join(line), flush=True)
-        lines.append(line)
-    if options.write and not (options.flights or options.limits):
-        write(table(lines))
+    whole = not (options.flights or options.limits)
+    chosen = limits(scene, 4096, 400) if options.limits else flight_rows(scene, 4096, 100)
+    TABLE.show(options.write and whole, rows(scene, options.quick) if whole else chosen)
 
+
+ARGUMENTS = {
+    "--quick": {"action": "store_true"},
+    "--flights": {"action": "store_true", "help": "only the rows that compare flights and schemes"},
+    "--limits": {"action": "store_true", "help": "only the rows that compare with the limit in C"},
+    "--only-first": {"action": "store_true", "help": argparse.SUPPRESS},
+    "--all-cores": {"action": "store_true", "help": argparse.SUPPRESS},
+}
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, measure, ARGUMENTS)

@@ -8,34 +8,26 @@ tips some of the second over. Both ensembles draw from one key, so body k has th
 both. `--write` puts the table between the markers in docs/scatter.md and the picture into docs/scattered-tops.png.
 """
 
-import argparse
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
+from harness import DOCS, Table, main
+
+import midlie_jax as ml
+from midlie_jax.cli.figures import heading, new_figure, panel, write
 
 jax.config.update("jax_enable_x64", True)
-
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from pages import DOCS, put, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.cli.figures import heading, new_figure, panel, write  # noqa: E402
-
-BEGIN, END = "<!-- tops -->", "<!-- /tops -->"
 DT, STEPS, EVERY = 0.02, 1000, 5  # seconds, steps
 I1, WEIGHT, TILT = 5.0, 20.0, 0.05  # kg m^2, N m, rad
 LIMIT = 4 * I1 * WEIGHT
 SAFETY = (2.0, 1.2)  # nominal squares of the momentum over the limit
 HEADS = (
-    "nominal momentum about the axis, kg m²/s",
-    "tops below the limit",
-    "tilt after 20 s: 5 %",
-    "median",
-    "95 %",
-    "largest tilt",
-    "largest relative energy error",
+    *("nominal momentum about the axis, kg m²/s", "tops below the limit", "tilt after 20 s: 5 %", "median", "95 %"),
+    *("largest tilt", "largest relative energy error"),
 )
+TABLE = Table("scatter.md", "tops", HEADS)
 
 
 class Outcome(NamedTuple):
@@ -108,17 +100,12 @@ def draw(results: dict[float, Outcome], bodies: int, path: str) -> None:
     write(figure, path)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bodies", type=int, default=1000)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+def whole(options: Any) -> None:
     results = {safety: outcome(options.bodies, momentum_of(safety)) for safety in SAFETY}
-    lines = shown(HEADS, (row(safety, found) for safety, found in results.items()))
+    TABLE.show(options.write, (row(safety, found) for safety, found in results.items()))
     if options.write:
-        put("scatter.md", BEGIN, END, lines)
         draw(results, options.bodies, str(DOCS / "scattered-tops.png"))
 
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, whole, {"--bodies": {"type": int, "default": 1000}})

@@ -1,44 +1,28 @@
 """Steps inside programs of users: in their own `jax.jit`, `jax.grad` and `lax.scan`, and with a controller in the loop.
 
-    python benchmarks/stepper.py [--write]
+    python benchmarks/stepper.py [jit] [gradient] [loops] [craft] [--write]
 
 All ratios are of runs that take turns on one core. `XLA_FLAGS` must not be set.
 """
 
-import argparse
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from midlie_jax.advice.timing import pin
+import jax
+import jax.numpy as jnp
+import numpy as np
+import one_core  # noqa: F401
+from harness import Table, in_turn, main
 
-pin()  # before XLA counts the cores
+import midlie_jax as ml
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-
-from pages import publish, put, shown  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
-
-JIT = "<!-- jit -->", "<!-- /jit -->"
-GRADIENT = "<!-- gradient -->", "<!-- /gradient -->"
-LOOPS = "<!-- loops -->", "<!-- /loops -->"
-CRAFT = "<!-- craft -->", "<!-- /craft -->"
 METHODS = "SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12"
 MOMENTS = {"SYMMETRIC[EA]": [5.0, 5.0, 1.0]}
 
 
 def seconds(*calls: Callable[[], Any]) -> list[float]:
-    return [timing.seconds for _, timing in timed_in_turn([partial(waited, call) for call in calls], least=5, most=15)]
-
-
-def waited(call: Callable[[], Any]) -> Any:
-    return jax.block_until_ready(call())
+    return in_turn(calls, 5, 15)
 
 
 def tops(method: str, count: int, dtype: str = "float64") -> tuple[ml.RigidBody, ml.RigidState]:
@@ -200,29 +184,16 @@ def craft() -> Iterator[list[str]]:
         yield [name, *(f"{QUADROTORS * steps / t / 1e6:.1f}" for t in times)]
 
 
+PAGE = "reports/speed.md"
+JIT = "method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"
+GRADIENT = "method", "steps x bodies", "value and gradient, ns", "over value"
+CRAFT = "method", "million steps per second", "with the policy"
 TABLES = {
-    JIT: (("method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"), in_jit),
-    GRADIENT: (("method", "steps x bodies", "value and gradient, ns", "over value"), gradients),
-    LOOPS: (("loop", "time", "same bits"), loops),
-    CRAFT: (("method", "million steps per second", "with the policy"), craft),
+    "jit": Table(PAGE, "jit", JIT, in_jit, "custom-programs", lambda row: row[1:3] == ["float64", "1024"]),
+    "gradient": Table(PAGE, "gradient", GRADIENT, gradients, "custom-gradients", lambda row: row[1] == "128 x 1000"),
+    "loops": Table(PAGE, "loops", ("loop", "time", "same bits"), loops),
+    "craft": Table(PAGE, "craft", CRAFT, craft),
 }
 
-
-def write(marks, lines):
-    """Writes a table into the page; tables of custom programs have data files, and key rows on the page."""
-    if marks == JIT:
-        publish("reports/speed.md", *marks, lines, "custom-programs", lambda row: row[1:3] == ["float64", "1024"])
-    elif marks == GRADIENT:
-        publish("reports/speed.md", *marks, lines, "custom-gradients", lambda row: row[1] == "128 x 1000")
-    else:
-        put("reports/speed.md", *marks, lines)
-
-
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/reports/speed.md")
-    wanted = parser.parse_args().write
-    for table, (heads, rows) in TABLES.items():
-        lines = shown(heads, rows())
-        if wanted:
-            write(table, lines)
+    main(__doc__, TABLES)

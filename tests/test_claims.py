@@ -10,10 +10,10 @@ import jax
 import numpy as np
 import pytest
 from cases import benchmark
+from harness import saved
 from laboratory.claims import command, measure, page, structure, verdicts
 from laboratory.claims.counting import work
 from laboratory.claims.measure import Bench
-from pages import saved
 
 import midlie_jax as ml
 from midlie_jax.methods.registry import ENTRIES
@@ -173,27 +173,6 @@ def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_pa
     assert "![Energy over the two long runs](energy.png)" in text
     assert (tmp_path / "energy.png").read_bytes().startswith(b"\x89PNG")
     assert all(f"| `{name}` |" in text for name in (HAS, LACKS))
-
-
-@pytest.mark.sample(0)
-def test_the_command_measures_two_methods_at_a_time_in_order(monkeypatch, capsys):
-    found = measured(HAS)  # before `measure` is replaced
-    monkeypatch.setattr(command, "Bench", lambda *steps: bench())
-    monkeypatch.setattr(Bench, "measure", lambda self, method, done: found._replace(method=method.name))
-    script.main(["--methods", LACKS, HAS, PAPERS, "--steps", str(STEPS)])
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:5]] == [LACKS, HAS, PAPERS]
-
-
-def test_wrong_options_are_named(capsys):
-    for arguments, words in (
-        (("--methods", "Verlet"), "does not support a rigid body"),
-        (("--methods", "nobody"), "unknown method"),
-        (("--methods", HAS, "--all"), "not allowed with"),
-        (("--steps", "2"), "at least 8"),
-    ):
-        with pytest.raises(SystemExit, match="2"):
-            script.main(arguments)
-        assert words in capsys.readouterr().err
 
 
 def chosen(**options):

@@ -3,14 +3,12 @@
 import re
 from functools import cache
 
-import numpy as np
 import pytest
-from laboratory.coming_from import BEGIN, END, PAGES, columns, missing, module_of, page_of, quantities, tables
+from laboratory.coming_from import MARK, PAGES, columns, missing, module_of, page_of, quantities, tables
 from laboratory.coming_from.alone import run
 from laboratory.coming_from.compare import agree
 
 SECTIONS = ("The same run in both", "Words", "What becomes faster or more accurate", "Keep {} for", "Traps")
-WIDEST = 64  # characters of a line, so that two columns fit on a screen
 
 
 @cache
@@ -29,22 +27,7 @@ def test_the_page_has_the_form_of_all(name):
     ]
     assert all(f"<th>{program}</th><th>midlie_jax</th>" in text for program in programs)
     assert f"python benchmarks/coming_from.py {name} --write" in text
-    assert text.count(BEGIN) == text.count(END) == 1
-    assert re.search(rf"{BEGIN}\n\| one core \| {title} \| midlie_jax \| ratio \|\n", text)
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_two_columns_fit_beside_each_other(name):
-    lines = [line for table in tables(name) for code in table for line in code.splitlines()]
-    assert [line for line in lines if len(line) > WIDEST] == []
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", PAGES)
-def test_the_right_column_gives_what_the_page_promises(name):
-    for quantity, value in outcome(name, 1).values.items():
-        assert value.size, quantity
-        assert np.all(np.isfinite(value)), quantity
+    assert re.search(rf"<!-- {MARK} -->\n\| one core \| {title} \| midlie_jax \| ratio \|\n", text)
 
 
 @pytest.mark.sample(0)

@@ -13,6 +13,9 @@ from pathlib import Path
 import jax
 import pytest
 from cases import benchmark
+from harness import row_of
+from laboratory import work_precision
+from laboratory.times_faster import fastest_rows, inverse
 
 import midlie_jax as ml
 
@@ -65,7 +68,7 @@ def test_readme_is_short_and_leads_to_every_page():
 
 
 def test_the_ratios_of_the_readme_are_those_measured():
-    measured = benchmark("pages").saved("work-precision-ratios")
+    measured = benchmark("harness").saved("work-precision-ratios")
     text = " ".join((ROOT / "README.md").read_text().split())
 
     def times_faster(ratio):
@@ -94,76 +97,58 @@ def test_a_recipe_has_at_most_fifteen_lines():
     assert [len(begin) + len(recipe) for recipe in recipes if len(begin) + len(recipe) > 15] == []
 
 
-TABLES = (
-    ("run", "reports/speed"),
-    ("networks", "reports/speed"),
-    ("compiler_options", "reports/speed"),
-    ("calls", "reports/speed"),
-    ("long_run", "reports/rounding"),
-    ("kinds_of_state", "reports/speed"),
-    ("molecules", "reports/heat"),
-    ("heat", "reports/heat"),
-    ("spins", "reports/heat"),
-    ("surfaces", "reports/applications"),
-    ("solids", "reports/applications"),
-    ("choosing", "choosing-a-method"),
-    ("gpu", "reports/gpu"),
-    ("kernels", "reports/gpu"),
-    ("gradients", "reports/speed"),
-    ("gradients_of_sums", "reports/speed"),
-    ("stepper", "reports/speed"),
-    ("published_fits", "reports/applications"),
-    ("binaries", "reports/applications"),
-    ("flyby", "reports/applications"),
-    ("light_curves", "reports/applications"),
-    ("scattered_tops", "scatter"),
-    ("ensembles", "reports/speed"),
-    ("observed", "api"),
-    ("diffrax_pipeline", "reports/speed"),
-    ("rounding", "reports/rounding"),
-    ("rounding_growth", "reports/rounding"),
-    ("rounding_cost", "reports/rounding"),
-)
+def tables_of(code):
+    """The page and the mark of each table that a benchmark writes."""
+    for constant in re.findall(r'^PAGE = (".+\.md")', code, re.MULTILINE):
+        code = re.sub(r"\bPAGE,", f"{constant},", code)
+    return re.findall(r'(?:Table|put)\(\s*(?:\*\(\s*)?"([\w/-]+\.md)",\s*"([\w -]+)"', code)
 
 
-def test_tables_of_benchmarks_have_their_markers():
-    """Each benchmark that writes into a page names the page, and finds its markers there."""
-    for script, *pages in TABLES:
-        code = (ROOT / "benchmarks" / f"{script}.py").read_text()
-        begins, ends = (re.findall(f'"(<!-- {slash}[a-z ]+ -->)"', code) for slash in ("", "/"))
-        text = "".join((ROOT / "docs" / f"{page}.md").read_text() for page in pages)
-        assert all(f'"{page}.md"' in code for page in pages)
-        assert begins
-        for begin, end in zip(begins, ends, strict=True):
-            assert text.count(begin) == text.count(end) == 1
-            assert text.index(begin) < text.index(end)
+def test_tables_of_benchmarks_have_their_places():
+    """Each has its two comments on its page, and all pairs of comments but one are those of a benchmark."""
+    texts = {page.relative_to(DOCS).as_posix(): page.read_text() for page in DOCS.rglob("*.md")}
+    marks = {(page, mark) for page, text in texts.items() for mark in re.findall(r"<!-- /([\w -]+) -->", text)}
+    assert all(texts[page].count(f"<!-- {mark} -->\n") == 1 for page, mark in marks)
+    assert all(texts[page].index(f"<!-- {mark} -->") < texts[page].index(f"<!-- /{mark} -->") for page, mark in marks)
+    written = {place for path in (ROOT / "benchmarks").rglob("*.py") for place in tables_of(path.read_text())}
+    written |= {(page, "measured") for page in texts if page.startswith("coming-from/")}
+    claims = (ROOT / "benchmarks" / "laboratory" / "claims" / "page.py").read_text()
+    written |= {("reports/claims.md", mark) for mark in re.findall(r'"(claims \w+)"', claims)}
+    written |= {("reports/work-precision.md", scene) for scene in work_precision.SCENES}
+    assert marks - written == {("how-it-compares.md", "features")}
+    assert written - marks == set()
 
 
 def test_data_files_are_written_by_a_benchmark_and_on_a_page():
     """Each whole table has a script that writes it, by its name, and a page that leads to it; none is empty."""
-    pages = benchmark("pages")
+    pages = benchmark("harness")
     names = sorted(path.stem for path in pages.DATA.iterdir())
     code = "".join(path.read_text() for path in (ROOT / "benchmarks").rglob("*.py"))
     text = "".join(path.read_text() for path in (DOCS / "reports").glob("*.md"))
-    families = tuple(re.findall(r'f"([a-z]+-)\{', code))  # f"heat-{name}"
     assert names
     for name in names:
-        assert f'"{name}"' in code or name.startswith(families)
+        assert f'"{name}"' in code or name.startswith("claims-")
         assert f"(tables/{name}.csv)" in text
         assert pages.saved(name)
 
 
 def test_the_summary_of_the_report_has_the_ratios_measured():
     report = " ".join((ROOT / "docs" / "reports" / "work-precision.md").read_text().split())
-    inverse = benchmark("times_faster").inverse
-    for row in benchmark("pages").saved("work-precision-ratios"):
+    for row in benchmark("harness").saved("work-precision-ratios"):
         faster = [inverse(ratio) for ratio in list(row.values())[1:]]
         assert f"| {row['scene']} | {' | '.join(faster)} |" in report
 
 
+def test_the_fastest_methods_are_those_of_the_report():
+    """`python benchmarks/work_precision.py --data` after a change of docs/reports/tables/work-precision.csv."""
+    text = (DOCS / "choosing-a-method.md").read_text()
+    table = text.split("<!-- fastest -->\n")[1].split("<!-- /fastest -->")[0]
+    assert table.splitlines()[2:] == [row_of(cells) for cells in fastest_rows()]
+
+
 def test_the_first_sentences_of_the_report_hold():
     """The fastest method is faster than both programs everywhere; symplectic methods are not, in two scenes."""
-    rows = [row for scene in benchmark("pages").by_scene("work-precision").values() for row in scene]
+    rows = [row for scene in benchmark("harness").by_scene("work-precision").values() for row in scene]
     assert len(rows) == 70
     assert all(float(row[f"general / {program}"]) < 1 for row in rows for program in ("heyoka", "diffrax"))
     slower = {row["scene"] for row in rows if float(row["symplectic / heyoka"]) > 1}

@@ -11,7 +11,7 @@ import midlie_jax as ml
 from midlie_jax import fitting
 from midlie_jax.fitting.parameters import Moments
 
-published = benchmark("published_fits")
+published = benchmark("laboratory.published_fits")
 METHOD = published.METHOD
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import harness
 import pytest
 from laboratory import frontier, rivals, work_precision
 from laboratory.families import FAMILIES, family, members
@@ -66,7 +67,7 @@ def test_ratios():
     assert bests["conserving"] == bests["symplectic"] == ("A", pytest.approx(1 / 2))
     over_heyoka = [share.over_heyoka for share in beyond.families.values()]
     assert all(math.isnan(x) for x in (beyond.over_rival, beyond.over_diffrax, *over_heyoka))
-    table = frontier.markdown([row, beyond]).splitlines()
+    table = harness.table(frontier.HEADS, map(frontier.cells, (row, beyond)))
     assert len({text.count("|") for text in table}) == 1
     assert table[2].count("A: ") == table[2].count(" same ") == 1
     assert "0.01" in table[2]

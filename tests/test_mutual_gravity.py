@@ -11,7 +11,7 @@ from cases import benchmark, quick
 import midlie_jax as ml
 from midlie_jax import fitting
 
-didymos = benchmark("laboratory.binaries.didymos")
+didymos = benchmark("laboratory.didymos")
 DAY = didymos.DAY
 
 

@@ -263,7 +263,7 @@ def test_units_change_no_bit_of_the_momentum_alone(flight, dtype):
 
 def test_an_exponent_is_fitted_before_the_error_is_lost():
     """Over three decades of steps; what is lost, or exact, is left out."""
-    growth = benchmark("rounding_growth")
+    growth = benchmark("laboratory.rounding_growth")
     counts = np.unique(np.round(np.geomspace(10, 1e7, 25)).astype(int))
     bias = 1e-9 * counts + 1e-7 * counts**0.5
     assert abs(growth.exponent(counts, 1e-8 * counts**0.5) - 0.5) < 1e-9

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, epsilon
-from laboratory.solids import bar
-from laboratory.solids.tetrahedra import NeoHookean, angular_momentum, longest_step
+from laboratory import solids
+from laboratory.solids import NeoHookean, angular_momentum, longest_step
 
 import midlie_jax as ml
 
@@ -141,10 +141,10 @@ def test_a_tetrahedron_turned_inside_out_is_a_failure():
 @pytest.mark.parametrize(("courant", "bound"), [(1.0, 1e-13), (0.4, 1e-13)])
 def test_the_nodes_of_a_bar_move_as_known(courant, bound):
     """At c h = dx as d'Alembert's waves, otherwise at the frequency of elements and steps; over 10,000 steps."""
-    found = bar.case(courant, 10_000)
+    found = solids.case(courant, 10_000)
     assert np.abs(found.found - found.exact).max() < bound
     if courant == 1.0:
-        assert found.frequency == pytest.approx(bar.MODE * np.pi, rel=1e-15)
+        assert found.frequency == pytest.approx(solids.MODE * np.pi, rel=1e-15)
 
 
 @pytest.mark.sample(0)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import loop_bodies, real
-from laboratory.surfaces import cost
+from laboratory import surfaces
 from scipy.special import erf
 from test_surface import STILL, TETRAHEDRON, unit
 
@@ -161,10 +161,10 @@ def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.skipif(not cost.limit.compilers(), reason="this machine has no C compiler")
+@pytest.mark.skipif(not surfaces.limit.compilers(), reason="this machine has no C compiler")
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_the_loop_in_c_beside_which_it_is_measured_gives_the_same_torque(dtype):
-    assert cost.in_c(80, dtype)() > 0  # it compares them
+    assert surfaces.in_c(80, dtype)() > 0  # it compares them
 
 
 @pytest.mark.sample(0)

@@ -184,12 +184,6 @@ def cells(row: Ratio) -> list[str]:
     return [*texts, method(row.rival), show(row.over_rival), show(row.over_diffrax)]
 
 
-def markdown(rows: Sequence[Ratio]) -> str:
-    """The table of ratios in Markdown."""
-    lines = ["| " + " | ".join(HEADS) + " |", "| " + " | ".join("---" for _ in HEADS) + " |"]
-    return "\n".join([*lines, *("| " + " | ".join(cells(row)) + " |" for row in rows)])
-
-
 def span(ratios: Sequence[float]) -> str:
     """The least and the largest of the ratios, in words, and how many are not known (NaN)."""
     known = [ratio for ratio in ratios if math.isfinite(ratio)]

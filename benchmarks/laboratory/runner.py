@@ -54,11 +54,7 @@ class Runner:
     """
 
     def __init__(self, method: Method, body: RigidBody, most: int = 1):
-        """Takes the method, the bodies (n, 3) to which the method is fitted, and the most states that `path` returns.
-
-        Raises:
-            ValueError: the method cannot move one of the bodies.
-        """
+        """Takes the method, the bodies (n, 3) to which it is fitted, and the most states that `path` returns."""
         self.method, self._most = method.fitted(body), most
         rows = jax.vmap(partial(_path, self.method, most), in_axes=(0, None, None, None))
         self._run = jax.jit(rows, compiler_options=compiler_options(len(body.moments)))

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import compiled
 
 import midlie_jax as ml
-from midlie_jax._xla.compiler import compiler_options, vector_width_options
+from midlie_jax._xla.compiler import vector_width_options
 from midlie_jax.advice.timing import timed_in_turn
 from midlie_jax.cli import scenes as package_scenes
 
@@ -25,11 +26,8 @@ BODIES, STEPS, DT = 1024, 200, 0.01
 MASS, GRAVITY = 0.155404754, 32.174  # slug and ft/s^2, as the moments of the scene `tumbling-brick`
 VELOCITY, SPIN = (5.0, 1.0, 30.0), (2.0, 9.0, 4.0)  # ft/s, and rad/s in the body frame
 HEADS = (
-    "program",
-    "time per body-step, relative to midlie_jax",
-    "error of attitude, rad",
-    "error of position, ft",
-    "drift of energy",
+    *("program", "time per body-step, relative to midlie_jax"),
+    *("error of attitude, rad", "error of position, ft", "drift of energy"),
 )
 
 
@@ -76,13 +74,11 @@ def ours(body: Any, start: Any, name: str = "JACOBI[EA]") -> Run:
     def run(start: Any) -> Any:
         return ml.ensemble(name, body, gravity, start, dt=DT, steps=STEPS).states
 
-    moved = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(start).compile()
-
     def ends(state: Any) -> Ends:
         spin = state.momentum / body.body.moments
         return Ends(*map(np.asarray, (state.position, state.attitude, state.linear / MASS, spin)))
 
-    return lambda: jax.block_until_ready(moved(start)), ends
+    return compiled(run, start, bodies=BODIES), ends
 
 
 def model(body: Any, integrator: str) -> Any:
@@ -137,8 +133,8 @@ def by_mjx(body: Any, start: Any, integrator: str) -> Run:
         return last.qpos, last.qvel
 
     given = tuple(map(jnp.asarray, joint(body, start)))
-    run = jax.jit(jax.vmap(moved)).lower(*given).compile(compiler_options=vector_width_options())
-    return lambda: jax.block_until_ready(run(*given)), lambda found: of_joint(*found)
+    run = compiled(jax.vmap(moved), *given, options=vector_width_options())
+    return run, lambda found: of_joint(*found)
 
 
 def runs(body: Any, start: Any) -> dict[str, Run]:

@@ -66,10 +66,6 @@ def problem(which: str | Scene, bodies: int = BODIES, judged: int = JUDGED, *, q
         which: a scene or its name.
         bodies, judged: number of bodies moved, and number of these whose error is measured.
         quick: whether to time fewer and shorter runs.
-
-    Raises:
-        ValueError: the scene is unknown.
-        ImportError: heyoka or mpmath is missing.
     """
     scene = scenes.scene(which)
     # Perturbed states are normalised to rounding, because programs differ in the rotations of other quaternions.
@@ -106,9 +102,6 @@ def measure(
         case: from `problem`.
         ours: our methods, as for `chosen.methods`; `FREE_MOTION` is the closed form of a problem without torque.
         said: callback that is called with progress messages and failures.
-
-    Raises:
-        ValueError: one of our methods is unknown or does not move rigid bodies.
     """
 
     def attempt(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:

@@ -19,7 +19,7 @@ from midlie_jax.methods.splitting import Splitting
 from midlie_jax.model.bodies import RigidBody
 
 from . import page, picture
-from .measure import ROWS, TOPS, Bench, Measured
+from .measure import Bench, Measured
 from .verdicts import PUBLISHED_DRIFTS, Verdict, is_alternating, paper_verdicts, published_verdicts
 
 _PARTS = 4  # parts of `Bench.measure` that are reported
@@ -53,8 +53,6 @@ def claims(options: argparse.Namespace) -> None:
             command=_command(options),
             given={chosen.method(name).name: name for name in options.methods or ()},
             chaos=bench.chaos(),
-            tops=ROWS,
-            bodies=TOPS,
             picture=os.path.relpath(options.out, Path(options.page).parent) if options.out else None,
         )
         print(f"wrote {options.page}")

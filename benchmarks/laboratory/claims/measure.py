@@ -107,11 +107,7 @@ class Bench:
         self._p1_end = RigidState(jnp.asarray(momenta), jnp.asarray(attitudes))
 
     def measure(self, method: str | Method, done: Callable[[str], None] = lambda part: None) -> Measured:
-        """Everything about one method, as for `chosen.methods`; `done` is called with the name of each finished part.
-
-        Raises:
-            ValueError: the method is unknown, or does not move rigid bodies.
-        """
+        """Everything about one method; `done` is called with the name of each finished part."""
         (method,) = chosen.methods([method])
         equal = isinstance(method, Splitting) and method.flight.equal_moments
         runs = _Runs(method, equal)

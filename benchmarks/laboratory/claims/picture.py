@@ -28,12 +28,7 @@ MOST = len(_COLOURS)
 
 
 def draw(all_found: Sequence[Measured], path: str) -> None:
-    """Draws at most `MOST` methods, and writes a PNG.
-
-    Raises:
-        ImportError: matplotlib is missing.
-        OSError: the file cannot be written.
-    """
+    """Draws at most `MOST` methods, and writes a PNG."""
     shown = all_found[:MOST]
     figure = new_figure(14.0, 6.2)
     heading(

@@ -23,7 +23,7 @@ from typing import Any
 
 FOLDER = Path(__file__).resolve().parents[3] / "docs" / "coming-from"
 PAGES = tuple(sorted(page.stem for page in FOLDER.glob("*.md")))
-BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
+MARK = "measured"
 
 _TABLE = re.compile(r"^<table>.*?^</table>$", re.MULTILINE | re.DOTALL)
 _BLOCK = re.compile(r"^```(py|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -34,11 +34,7 @@ def page_of(name: str) -> Path:
 
 
 def module_of(name: str) -> Any:
-    """The module of a page.
-
-    Raises:
-        ValueError: there is no such page.
-    """
+    """The module of a page."""
     if name not in PAGES:
         raise ValueError(f"unknown page {name!r}; choose from {', '.join(PAGES)}.")
     return import_module(f"{__name__}.{name.replace('-', '_')}")
@@ -55,11 +51,7 @@ def missing(name: str) -> list[str]:
 
 
 def tables(name: str) -> list[tuple[str, str]]:
-    """The two programs (left, right) of each table of a page whose columns are programs.
-
-    Raises:
-        ValueError: a table has not one ```py block on the left and one ```python block on the right.
-    """
+    """The two programs (left, right) of each table of a page whose columns are programs."""
     found: list[tuple[str, str]] = []
     for table in _TABLE.findall(page_of(name).read_text()):
         blocks = _BLOCK.findall(table)

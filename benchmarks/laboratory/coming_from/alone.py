@@ -43,9 +43,6 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
         code: the program.
         names: the quantities with which it ends.
         later: largest number of later runs of its last paragraph.
-
-    Raises:
-        RuntimeError: the program failed, or has not these quantities; the message has its errors.
     """
     with tempfile.TemporaryDirectory() as folder:
         kept, place = Path(folder, "kept.npz"), Path(folder, "empty")

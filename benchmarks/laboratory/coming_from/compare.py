@@ -11,11 +11,7 @@ Row = tuple[str, str, str, str]
 
 
 def changed(code: str, *changes: tuple[str, str]) -> str:
-    """A program with other texts, given as (old, new).
-
-    Raises:
-        ValueError: an old text is not there, so that the page has changed and its module has not.
-    """
+    """A program with other texts, given as (old, new)."""
     for old, new in changes:
         if old not in code:
             raise ValueError(f"{old!r} is not in the program\n{code}")
@@ -28,9 +24,6 @@ def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
 
     Of attitudes, quaternions (w, x, y, z) in the last axis, the angle in radians between the two; of others the
     difference relative to the largest value.
-
-    Raises:
-        ValueError: the shapes differ.
     """
     if theirs.shape != ours.shape:
         raise ValueError(f"{name} has the shape {theirs.shape} on the left and {ours.shape} on the right.")
@@ -41,11 +34,7 @@ def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
 
 
 def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None) -> None:
-    """Checks that both programs have the same motion.
-
-    Raises:
-        AssertionError: they differ by more than `within`, by default what the page `name` allows.
-    """
+    """Checks that both programs have the same motion."""
     allowed: float = module_of(name).WITHIN if within is None else within
     for quantity, value in ours.values.items():
         difference = gap(quantity, theirs.values[quantity], value)

@@ -1,5 +1,6 @@
 """The errors of averages of a dipole against the step and against the time, by our schemes and by diffrax."""
 
+import argparse
 import json
 import math
 import time
@@ -8,8 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from harness import REPORTS, Table, in_turn
 
-from midlie_jax.advice.timing import timed_in_turn
+from midlie_jax.cli.figures import write
+from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, new_figure
 
 from . import diffrax_sde, dipole
 from .dipole import FIELDS, Average, exact, step
@@ -23,22 +27,13 @@ THEIRS = {
 # Runs of each, so that the larger errors have larger standard errors.
 _RUNS = {"SYMMETRIC[BAOAB]": 24, "SYMMETRIC[OBABO]": 8, "SYMMETRIC[ABOBA]": 12, "Heun": 8, "ShARK": 6, "EulerHeun": 2}
 _STEPS, _ROUNDS, _TIMES = 300, 9, 3  # of the runs that are timed
-HEADS = "x", "method", "step", "ns per step", "ns per time", "exact ⟨cos θ⟩", "error of ⟨cos θ⟩", "error of T"
-SLOPE_HEADS = "x", "method", "slope of the error of ⟨cos θ⟩", "of T"
-RATIO_HEADS = "x", "of", "relative error", "midlie_jax", "ns", "diffrax", "ns", "times faster"
 ERRORS = 0.003, 0.01, 0.03  # at which costs are compared
 _SURE = 3.0  # standard errors from which an error counts as measured
 _LARGEST, _THEIR_LARGEST = 1.0, 0.5  # steps for the slopes: larger ones are close to where a method diverges
 
 
 class Rung(NamedTuple):
-    """One method with one step in one field.
-
-    Attributes:
-        method, x, share: the step is this share of 1/rate.
-        nanoseconds: of a body and a step.
-        found: the averages.
-    """
+    """One method in the field x: the step is a share of 1/rate and takes nanoseconds for a body."""
 
     method: str
     x: float
@@ -79,10 +74,8 @@ def costs() -> dict[str, float]:
     names = [*OURS, *THEIRS]
     place = 2.0, step(2.0, 0.25), _STEPS
     runs = [(dipole if name in OURS else diffrax_sde).timed(name, *place) for name in names]
-    timings = [timed_in_turn(runs, least=_ROUNDS, most=_ROUNDS) for _ in range(_TIMES)]
-    scale = 1e9 / _STEPS / dipole.BODIES
-    best = [min(timing.seconds for _, timing in of_one) for of_one in zip(*timings, strict=True)]
-    return {name: scale * seconds for name, seconds in zip(names, best, strict=True)}
+    times = zip(*(in_turn(runs, _ROUNDS) for _ in range(_TIMES)), strict=True)
+    return {name: 1e9 / _STEPS / dipole.BODIES * min(own) for name, own in zip(names, times, strict=True)}
 
 
 def extend(kept: Path, seconds: float) -> list[Rung]:
@@ -193,3 +186,99 @@ def _cheapest(groups: Any, methods: Any, x: float, error: float, kind: str) -> t
         costs[method] = own[0].nanoseconds / share if share else math.inf
     finite = {method: cost for method, cost in costs.items() if math.isfinite(cost)}
     return min(finite.items(), key=lambda pair: pair[1]) if finite else ("", math.nan)
+
+
+PAGE = "reports/heat.md"
+DIPOLE = Table(
+    *(PAGE, "dipole"),
+    ("x", "method", "step", "ns per step", "ns per time", "exact ⟨cos θ⟩", "error of ⟨cos θ⟩", "error of T"),
+    data="heat-dipole",
+    words=lambda rows: [],
+)
+SLOPES = Table(
+    *(PAGE, "slopes", ("x", "method", "slope of the error of ⟨cos θ⟩", "of T")),
+    data="heat-slopes",
+    words=lambda rows: [],
+)
+RATIOS = Table(
+    *(PAGE, "ratios", ("x", "of", "relative error", "midlie_jax", "ns", "diffrax", "ns", "times faster")),
+    data="heat-ratios",
+    key=lambda row: row[2] == "0.03",
+    columns=(0, 1, 3, 4, 5, 6, 7),
+)
+
+
+def measure(options: argparse.Namespace) -> None:
+    found = extend(options.kept, options.seconds)
+    DIPOLE.show(options.write, rows(found))
+    SLOPES.show(options.write, slope_rows(found))
+    RATIOS.show(options.write, ratio_rows(found))
+    if options.write:
+        draw(found, REPORTS / "heat-averages.png")
+
+
+_COLOURS = dict(zip((*OURS, *THEIRS), (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY), strict=True))
+_SIZE = 9.0  # font size of names, points
+_LEAST, _MOST = 1e-5, 1.0  # errors that are drawn
+
+
+def draw(found: Sequence[Rung], out: Path) -> None:
+    """A column for each field; above against the step, below against the time."""
+    figure = new_figure(13, 8.4)
+    axes = figure.subplots(2, len(FIELDS), sharey=True)
+    figure.subplots_adjust(left=0.06, right=0.99, top=0.9, bottom=0.07, wspace=0.06, hspace=0.22)
+    title = "BAOAB and ABOBA reach a given error in less time than the diffrax solvers"
+    figure.suptitle(title, x=0.06, ha="left", fontsize=13, weight="bold")
+    for column, x in enumerate(FIELDS):
+        own = [rung for rung in found if rung.x == x and rung.error < _MOST]
+        steps, times = axes[:, column]
+        by_step, by_time = _panel(steps, own, "share"), _panel(times, own, "cost")
+        steps.set_title(f"μB/kT = {x:g}", loc="left", fontsize=10)
+        steps.set_xlabel("step [1/rate]")
+        times.set_xlabel("run time per body and 1/rate of simulated time [ns]")
+        label_ends(steps, [_end(lines[-1]) for method, lines in by_step.items() if method != "EulerHeun"], size=_SIZE)
+        _write_name(steps, by_step["EulerHeun"][-1], (0, 9), "center")
+        for method, lines in by_time.items():
+            theirs = method in THEIRS
+            _write_name(times, lines[-1 if theirs else 0], (6 if theirs else -6, 0), "left" if theirs else "right")
+    for row in axes:
+        row[0].set_ylabel("relative error of ⟨cos θ⟩ [-]")
+    write(figure, str(out))
+
+
+Place = tuple[str, float, float]  # a method and a point of its line
+
+
+def _end(place: Place) -> End:
+    method, x, y = place
+    return End(_name_of(method), _COLOURS[method], x, y)
+
+
+def _name_of(method: str) -> str:
+    return f"diffrax {method}" if method in THEIRS else method.removeprefix("SYMMETRIC[").removesuffix("]")
+
+
+def _write_name(panel: Any, place: Place, offset: tuple[float, float], side: str) -> None:
+    method, *point = place
+    options: Any = {"textcoords": "offset points", "ha": side, "va": "center", "fontsize": _SIZE}
+    panel.annotate(_name_of(method), point, xytext=offset, color=_COLOURS[method], **options)
+
+
+def _panel(panel: Any, found: Sequence[Rung], across: str) -> dict[str, list[Place]]:
+    """Draws one panel; returns the places of the points of each method."""
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    places = dict[str, list[Place]]()
+    for method in dict.fromkeys(rung.method for rung in found):
+        own = sorted((r for r in found if r.method == method), key=lambda r: getattr(r, across))
+        x, y = [getattr(r, across) for r in own], [r.error for r in own]
+        bars = [[min(r.uncertain, 0.9 * r.error) for r in own], [r.uncertain for r in own]]
+        theirs = method in THEIRS
+        style: Any = {"linestyle": "--" if theirs else "-", "marker": "s" if theirs else "o", "markersize": 3.5}
+        panel.errorbar(x, y, yerr=bars, color=_COLOURS[method], **style)
+        places[method] = [(method, *place) for place in zip(x, y, strict=True)]
+    low, high = (end(getattr(r, across) for r in found) for end in (min, max))
+    panel.set_xlim(low / (1.2 if across == "share" else 3.5), high * (1.2 if across == "share" else 14))
+    panel.set_ylim(_LEAST, _MOST)
+    panel.grid(alpha=0.3, color=GREY)
+    return places

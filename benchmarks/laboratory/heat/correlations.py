@@ -4,6 +4,7 @@ Units of kT and of the moment of inertia. <Omega(0).Omega(t)> = 3 exp(-G t); and
 (P. Debye 1929), or exp(-2 (G t - 1 + exp(-G t))/G^2) if inertia is not quite neglected, which is what is compared.
 """
 
+import argparse
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -12,10 +13,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.plot.style import BLUE, GREY, new_figure
 
 BODIES = 100_000
@@ -25,12 +27,7 @@ SAVED = 12
 
 
 class Correlation(NamedTuple):
-    """Attributes:
-    name: what is correlated.
-    friction: G.
-    times, found, errors: with standard errors.
-    known: the function of time.
-    """
+    """What is correlated at a friction: times, values found with standard errors, and the known function of time."""
 
     name: str
     friction: float
@@ -78,22 +75,13 @@ def measured() -> tuple[Correlation, Correlation]:
     )
 
 
-HEADS = "correlation", "time", "simulated", "standard error", "theory", "difference, standard errors"
-
-
 def rows(found: Sequence[Correlation]) -> Iterator[list[str]]:
     for one in found:
         for time, value, error in zip(one.times, one.found, one.errors, strict=True):
             known = float(one.known(time))
             if time > 0:
-                numbers = (
-                    f"{time:.2f}",
-                    f"{value:.4f}",
-                    f"{error:.4f}",
-                    f"{known:.4f}",
-                    f"{(value - known) / error:+.1f}",
-                )
-                yield [one.name, *numbers]
+                numbers = (f"{x:.4f}" for x in (value, error, known))
+                yield [one.name, f"{time:.2f}", *numbers, f"{(value - known) / error:+.1f}"]
 
 
 def draw(found: Sequence[Correlation], out: Path) -> None:
@@ -117,5 +105,24 @@ def draw(found: Sequence[Correlation], out: Path) -> None:
         panel.grid(alpha=0.3, color=GREY)
     figure.suptitle("The simulated correlations follow theory", x=0.01, ha="left", fontsize=12, weight="bold")
     figure.set_layout_engine("constrained")
-    figure.savefig(out, dpi=110)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
+
+
+def words(rows: list[dict[str, str]]) -> list[str]:
+    off = max(abs(float(row["difference, standard errors"])) for row in rows)
+    return [f"The largest difference of {len(rows)} values from theory is {off:.1f} standard errors.", ""]
+
+
+TABLE = Table(
+    *("reports/heat.md", "correlations"),
+    ("correlation", "time", "simulated", "standard error", "theory", "difference, standard errors"),
+    data="heat-correlations",
+    words=words,
+)
+
+
+def measure(options: argparse.Namespace) -> None:
+    found = measured()
+    TABLE.show(options.write, rows(found))
+    if options.write:
+        draw(found, REPORTS / "heat-correlations.png")

@@ -1,19 +1,17 @@
 """What a step in a bath costs, beside a step of `EA` on the same bodies under the same torque without the bath."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Compiled, Table, compiled, in_turn
 
 import midlie_jax as ml
-from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.advice.timing import timed_in_turn
 
 BODIES = 10_000
 SCHEMES = "EA", "BAOAB", "OBABO", "ABOBA"
-HEADS = "state", "flight", "dtype", *(f"{scheme}, ns" for scheme in SCHEMES), *(f"{s} / EA" for s in SCHEMES[1:])
 CASES = ("RigidState", "SYMMETRIC"), ("AxisState", "SYMMETRIC"), ("FreeState", "SYMMETRIC"), ("RigidState", "JACOBI")
 _STEPS, _ROUNDS = 200, 9
 
@@ -36,7 +34,7 @@ def _states(kind: str, dtype: Any) -> tuple[Any, Any]:
     return body, state
 
 
-def _run(kind: str, flight: str, scheme: str, dtype: Any) -> Callable[[], Any]:
+def _run(kind: str, flight: str, scheme: str, dtype: Any) -> Compiled:
     body, start = _states(kind, dtype)
     torque: Any = ml.torques.HeavyTop(jnp.asarray(-2.0, dtype))
     if scheme != "EA":
@@ -48,15 +46,20 @@ def _run(kind: str, flight: str, scheme: str, dtype: Any) -> Callable[[], Any]:
     def run(start: Any) -> Any:
         return ml.ensemble(f"{flight}[{scheme}]", body, torque, start, **options)
 
-    program = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(start).compile()
-    return lambda: jax.block_until_ready(program(start))
+    return compiled(run, start, bodies=BODIES)
 
 
 def rows() -> Iterator[list[str]]:
     for kind, flight in CASES:
         for dtype in (jnp.float32, jnp.float64):
             runs = [_run(kind, flight, scheme, dtype) for scheme in SCHEMES]
-            timings = timed_in_turn(runs, least=_ROUNDS, most=_ROUNDS)
-            found = [1e9 * timing.seconds / BODIES / _STEPS for _, timing in timings]
+            found = [1e9 * seconds / BODIES / _STEPS for seconds in in_turn(runs, _ROUNDS)]
             cells = [f"{x:.1f}" for x in found] + [f"{x / found[0]:.2f}" for x in found[1:]]
             yield [kind, f"`{flight}`", jnp.dtype(dtype).name, *cells]
+
+
+TABLE = Table(
+    *("reports/heat.md", "cost"),
+    ("state", "flight", "dtype", *(f"{scheme}, ns" for scheme in SCHEMES), *(f"{s} / EA" for s in SCHEMES[1:])),
+    *(rows, "heat-cost", lambda row: row[2] == "float32", (0, 1, 3, 4, 5)),
+)

@@ -12,6 +12,7 @@ from typing import Any
 import diffrax
 import jax
 import jax.numpy as jnp
+from harness import Compiled, compiled
 from jax import Array
 
 from midlie_jax._xla.compiler import compiler_options
@@ -105,7 +106,7 @@ def theirs(name: str, share: float, dtype: Any = jnp.float32) -> Run:
     return jax.jit(run, compiler_options=compiler_options(BODIES))
 
 
-def timed(name: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -> Callable[[], Any]:
+def timed(name: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -> Compiled:
     """As `dipole.timed`."""
     key, advance = jax.random.key(0), _loop(name, x, h, dtype)
     rows = _start(key, x, dtype)
@@ -113,5 +114,4 @@ def timed(name: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -
     def run(rows: Array, key: Array) -> Array:
         return advance(rows, key, jnp.zeros((), jnp.int32), steps)
 
-    program = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(rows, key).compile()
-    return lambda: jax.block_until_ready(program(rows, key))
+    return compiled(run, rows, key, bodies=BODIES)

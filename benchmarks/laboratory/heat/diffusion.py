@@ -16,6 +16,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Table
 
 import midlie_jax as ml
 
@@ -24,7 +25,6 @@ SCHEMES = "BAOAB", "OBABO", "ABOBA"
 STEPS = 0.1, 0.5, 1.0, 2.0, 10.0  # x
 KT = 1e-6
 _TIME, _PARTS = 100.0, 10  # the time of a run, at least, and the number of saved states
-HEADS = "scheme", "h G/I", "(x/2) coth(x/2)", "D of the position / exact", "D of the rotation / exact"
 
 
 def theory(x: float) -> float:
@@ -59,3 +59,12 @@ def rows() -> Iterator[Sequence[str]]:
             means, errors = gained.mean(axis=0) / exact, gained.std(axis=0, ddof=1) / exact / math.sqrt(BODIES)
             cells = [f"{mean:.3f} ± {error:.3f}" for mean, error in zip(means, errors, strict=True)]
             yield [f"`{scheme}`", f"{x:g}", f"{theory(x):.3f}", *cells]
+
+
+TABLE = Table(
+    *("reports/heat.md", "diffusion"),
+    ("scheme", "h G/I", "(x/2) coth(x/2)", "D of the position / exact", "D of the rotation / exact"),
+    *(rows, "heat-diffusion"),
+    key=lambda row: row[0] == "`BAOAB`",
+    columns=(1, 2, 3, 4),
+)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Compiled, compiled
 from jax import Array
 
 import midlie_jax as ml
@@ -27,10 +28,7 @@ _GRID = 256  # steps are multiples of 1/_GRID, so that float32 has all times of 
 
 
 class Average(NamedTuple):
-    """Attributes:
-    cosine, temperature: <cos(theta)>, and the kinetic temperature in units of kT.
-    cosine_error, temperature_error: their standard errors.
-    """
+    """<cos(theta)> and the kinetic temperature in units of kT, and their standard errors."""
 
     cosine: float
     temperature: float
@@ -118,7 +116,7 @@ def ours(method: str, share: float, dtype: Any = jnp.float32) -> Run:
     return jax.jit(run, compiler_options=compiler_options(BODIES))
 
 
-def timed(method: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -> Callable[[], Any]:
+def timed(method: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -> Compiled:
     """A run of this many steps without observations, compiled."""
     key = jax.random.key(0)
     body, torque = scene(x, jax.random.split(key, BODIES), dtype)
@@ -127,8 +125,7 @@ def timed(method: str, x: float, h: float, steps: int, dtype: Any = jnp.float32)
         return ml.ensemble(method, body, torque, start, dt=jnp.asarray(h, dtype), steps=steps)
 
     start = thermal(key, x, dtype)
-    program = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(start).compile()
-    return lambda: jax.block_until_ready(program(start))
+    return compiled(run, start, bodies=BODIES)
 
 
 def averaged(run: Run, x: float, share: float, runs: int, seed: int = 0) -> Average:

@@ -12,6 +12,7 @@ pairs over the Maxwell distribution of the spin (W. Bang et al., Phys. Rev. Rese
 2509.01636, whose measured spectrum has such shoulders).
 """
 
+import argparse
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,11 +21,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 from scipy import signal
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.plot.style import BLUE, GREEN, GREY, VERMILLION, new_figure
 
 STIFFNESS = 400.0  # V0/kT
@@ -180,9 +182,6 @@ def shoulders(spin: float, difference: float) -> tuple[float, float]:
     return math.sqrt(mean - root), math.sqrt(mean + root)
 
 
-HEADS = "a", "bodies", "spin / thermal spin", "simulated peaks", "theory: ω ± l/2", "⟨u_x²⟩ / (kT/2 V0)"
-
-
 def rows(panels: Sequence[tuple[float, Spectrum]]) -> Iterator[list[str]]:
     """The highest peak on each side of the middle, beside the two lines of the root mean square of the spins."""
     for difference, found in panels:
@@ -209,8 +208,7 @@ def draw(panels: Sequence[tuple[float, Spectrum]], out: Path) -> None:
     figure.axes[0].set_ylabel("spectral density of $u_x$ [rad² per libration frequency]")
     figure.axes[0].annotate("dashed: theory", (0.76, 0.93), xycoords="axes fraction", fontsize=9)
     figure.set_layout_engine("constrained")
-    figure.savefig(out, dpi=110)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
 
 
 def _cut(line: Line, shown: np.ndarray) -> Line:
@@ -240,3 +238,19 @@ def _panel(panel: Any, found: Spectrum, difference: float) -> None:
 def _name(panel: Any, text: str, place: tuple[float, float], at: tuple[float, float], colour: str) -> None:
     arrow = {"arrowstyle": "-", "color": colour, "lw": 0.8, "shrinkB": 1}
     panel.annotate(text, place, xytext=at, color=colour, fontsize=9, arrowprops=arrow)
+
+
+TABLE = Table(
+    *("reports/heat.md", "dumbbell"),
+    ("a", "bodies", "spin / thermal spin", "simulated peaks", "theory: ω ± l/2", "⟨u_x²⟩ / (kT/2 V0)"),
+    data="heat-dumbbell",
+    key=lambda row: row[1] != "slowest third",
+    columns=(0, 1, 3, 4, 5),
+)
+
+
+def measure(options: argparse.Namespace) -> None:
+    panels = [(difference, spectrum(difference)) for difference in DIFFERENCES]
+    if options.write:
+        draw(panels, REPORTS / "dumbbell-spectrum.png")
+    TABLE.show(options.write, rows(panels))

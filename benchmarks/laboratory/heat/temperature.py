@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Table
 
 import midlie_jax as ml
 
@@ -19,10 +20,6 @@ FLIGHTS, SCHEMES = ("SYMMETRIC", "JACOBI", "DLM"), ("BAOAB", "OBABO", "ABOBA")
 EXPOSURES = 0.1, 0.7  # h G/I, on each axis
 SAVED = 1, 33, None
 STEPS, STEP, KT = 99, 0.1, 1.0
-HEADS = (
-    *("method", "h G/I", "`save_every`", "⟨Π₁²⟩ / (kT I₁)", "⟨Π₂²⟩ / (kT I₂)", "⟨Π₃²⟩ / (kT I₃)"),
-    *("largest deviation, standard errors", "same bits"),
-)
 
 
 def _ends(method: str, exposure: float) -> Iterator[tuple[int | None, Any]]:
@@ -54,3 +51,24 @@ def rows() -> Iterator[Sequence[str]]:
                 cells = [f"{mean:.3f} ± {error:.3f}" for mean, error in zip(means, errors, strict=True)]
                 same = "yes" if _same(end, first) else "NO"
                 yield [f"`{method}`", f"{exposure:g}", str(every), *cells, f"{most:.1f}", same]
+
+
+def words(rows: list[dict[str, str]]) -> list[str]:
+    off = max(float(row["largest deviation, standard errors"]) for row in rows)
+    same = sum(row["same bits"] == "yes" for row in rows)
+    return [
+        f"In {len(rows)} runs, no temperature differs from theory by more than {off:.1f} standard errors (0.01).",
+        f"The final states have the same bits for every `save_every` in {same} of {len(rows)} runs.",
+        "",
+    ]
+
+
+TABLE = Table(
+    *("reports/heat.md", "temperature"),
+    (
+        *("method", "h G/I", "`save_every`", "⟨Π₁²⟩ / (kT I₁)", "⟨Π₂²⟩ / (kT I₂)", "⟨Π₃²⟩ / (kT I₃)"),
+        *("largest deviation, standard errors", "same bits"),
+    ),
+    *(rows, "heat-temperature"),
+    words=words,
+)

@@ -30,9 +30,6 @@ def rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
     Returns:
         `field(state, place=None)`: `state` is momentum and quaternion; `place` is the position of the satellite
         relative to the attracting mass, in units of its distance at time 0.
-
-    Raises:
-        ValueError: the scene has another torque.
     """
     a, b, c = np.asarray(scene.body.moments).tolist()
     torque_of = torque(scene)

@@ -3,8 +3,10 @@
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from harness import REPORTS, Table, put
 
 import midlie_jax as ml
 
@@ -12,7 +14,6 @@ from . import water
 from .lammps_runs import Waters
 from .runs import energy, forces_per_step, motion
 
-HEADS = ("method", "step at one force per fs, fs", "2 forces per fs", "1", "1/2", "1/4")
 PER_FORCE = (0.5, 1.0, 2.0, 4.0)  # fs
 SCHEMES = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3, "SRKN14a": 2}  # steps between two samples
 LENGTH = 2.0  # ps
@@ -84,3 +85,18 @@ def places_apart(length: float = 0.1) -> float:
         run.run(round(1e4 * length), prepare=True)
         difference = run.places() - np.asarray(ml.sites(state, water.POINTS))
     return float(np.max(np.linalg.norm(difference, axis=-1)))
+
+
+TABLE = Table(
+    "reports/heat.md", "box", ("method", "step at one force per fs, fs", "2 forces per fs", "1", "1/2", "1/4")
+)
+
+
+def measure(options: Any) -> None:
+    results = list(measured())
+    lines = TABLE.show(False, (row(*result) for result in results))
+    said = f"After 0.1 ps, no site is farther than {places_apart():.1e} nm from its position in LAMMPS."
+    print(said)
+    if options.write:
+        put(TABLE.page, TABLE.mark, [*lines, "", said])
+        draw(results, REPORTS / "waters.png")

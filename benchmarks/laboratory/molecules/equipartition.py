@@ -12,13 +12,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from harness import Table
 
 import midlie_jax as ml
 
 from . import water
 from .runs import forces_per_step, motion
 
-HEADS = ("method", "time per force, fs", "step, fs", "run, ps", "T_rot - T_tr, K", "T, K")
 CASES = [(scheme, per_force) for per_force in (1.0, 2.0) for scheme in ("EA", "CHIN4A", "SRKN6b")] + [("EA", 4.0)]
 STEPS = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3}  # between two samples
 TURN, FORGOTTEN = 4.0, 4.0  # ps of a run at a time, and at its begin
@@ -101,3 +101,17 @@ def with_error(samples: np.ndarray) -> tuple[float, float]:
     """The mean, and its standard error from that of the means of blocks."""
     means = [np.mean(block) for block in np.array_split(samples, BLOCKS)]
     return float(np.mean(samples)), float(np.std(means, ddof=1) / np.sqrt(BLOCKS))
+
+
+TABLE = Table(
+    *("reports/heat.md", "equipartition"),
+    ("method", "time per force, fs", "step, fs", "run, ps", "T_rot - T_tr, K", "T, K"),
+    data="waters-equipartition",
+    key=lambda row: "6b" not in row[0],
+    columns=(0, 2, 4),
+)
+
+
+def measure(options: Any) -> None:
+    extend(options.kept, options.minutes)
+    TABLE.show(options.write, rows(options.kept))

@@ -53,9 +53,6 @@ def neighbour_list(places: Any, box: float, cutoff: float, skin: float, slots: i
         skin: how much further the list reaches.
         slots: how many slots the list has, an even number, so that lists of one run have one shape; by default some
             more than now needed.
-
-    Raises:
-        ValueError: the box is smaller than twice the cut-off, there are too few slots, or too many molecules.
     """
     places = np.asarray(places, np.float64)
     number, reach = len(places), cutoff + skin

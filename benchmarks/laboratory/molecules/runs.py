@@ -29,9 +29,6 @@ def motion(
     """The state after every `steps` steps of `dt` ps, without end, and the force with the list of these steps.
 
     In the small box every molecule is everybody's neighbour if the skin is as wide as the edge, and lists last.
-
-    Raises:
-        RuntimeError: a run failed, or a site moved by more than half the skin within one list.
     """
     body, state, slots, first = water.molecules(start.count), start, None, 0
     while True:

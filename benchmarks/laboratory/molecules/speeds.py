@@ -5,6 +5,7 @@ from itertools import islice
 from typing import Any
 
 import jax
+from harness import Table
 
 from midlie_jax.advice.timing import timed_in_turn
 
@@ -12,7 +13,6 @@ from . import water
 from .lammps_runs import Waters
 from .runs import motion
 
-HEADS = ("molecules", "program", "time per step, ms", "spread", "relative to LAMMPS")
 # Copies of the box along an edge: skin of the list in nm (None: all are neighbours), steps a list, lists a lap. LAMMPS'
 # skin of 2 A is the fastest of 1, 1.5, 2 and 2.5.
 SIZES: dict[int, tuple[float | None, int, int]] = {1: (None, 40, 3), 2: (0.24, 24, 2)}
@@ -43,3 +43,10 @@ def _own(start: Any, edge: float, skin: float, steps: int, lists: int, single: b
 
     run()
     return run
+
+
+TABLE = Table(
+    *("reports/heat.md", "speed", ("molecules", "program", "time per step, ms", "spread", "relative to LAMMPS"), rows),
+    data="waters-speed",
+    columns=(0, 1, 2, 4),
+)

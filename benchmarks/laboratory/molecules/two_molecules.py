@@ -4,19 +4,17 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Table, in_turn
 
 import midlie_jax as ml
-from midlie_jax.advice.timing import timed_in_turn
 
 from . import water
 from .lammps_runs import Waters, centre_and_attitude
 from .openmm_runs import Dimer
 from .runs import forces_per_step
 
-HEADS = ("program", "step, fs", "forces", "error of x2, nm", "error of q2, rad", "time, ms")
 OWN = {"EA": (1, 0.5, 0.25, 0.1), "CHIN4A": (2, 1), "SRKN6b": (5, 2, 1), "SRKN14a": (10, 5)}
 OTHERS = (1, 0.5, 0.25, 0.1)
 LEAST = 1e-8  # to which the known end is known
@@ -25,10 +23,9 @@ ROUNDS = 7
 
 def rows() -> Iterator[list[str]]:
     cases = [*_own(), *_lammps(), *_openmm()]
-    timings = timed_in_turn([run for *_, run in cases], least=ROUNDS, most=ROUNDS)
-    for (name, step, forces, end, _), (_, timing) in zip(cases, timings, strict=True):
-        place, turn = errors(*end)
-        yield [name, f"{step:g}", str(forces), place, turn, f"{1e3 * timing.seconds:.2g}"]
+    times = in_turn([run for *_, run in cases], ROUNDS)
+    for (name, step, forces, end, _), seconds in zip(cases, times, strict=True):
+        yield [name, f"{step:g}", str(forces), *errors(*end), f"{1e3 * seconds:.2g}"]
 
 
 def errors(position: Any, attitude: Any) -> tuple[str, str]:
@@ -48,7 +45,7 @@ def _own() -> Iterator[tuple[str, float, int, Any, Callable[[], Any]]]:
             options = {"dt": 1e-3 * step, "steps": steps, "save_every": steps}
 
             def run(name: str = name, options: dict[str, Any] = options) -> Any:
-                return jax.block_until_ready(ml.integrate(name, body, torque, start, **options))
+                return ml.integrate(name, body, torque, start, **options)
 
             states = run().states
             end = states.position[-1, 1], states.attitude[-1, 1]
@@ -70,3 +67,14 @@ def _openmm() -> Iterator[tuple[str, float, int, Any, Callable[[], Any]]]:
         run = Dimer(water.dimer(), 1e-3 * step)
         run.run(steps)
         yield "OpenMM SETTLE", step, steps, centre_and_attitude(run.places(), 1), partial(run.run, steps)
+
+
+SHOWN = (  # the rows on the page
+    *(("`JACOBI[EA]`", "1"), ("`JACOBI[CHIN4A]`", "1"), ("`JACOBI[SRKN6b]`", "1"), ("`JACOBI[SRKN14a]`", "5")),
+    *(("LAMMPS `rigid/nve/small`", "1"), ("OpenMM SETTLE", "1"), ("OpenMM SETTLE", "0.1")),
+)
+TABLE = Table(
+    *("reports/heat.md", "dimer"),
+    ("program", "step, fs", "forces", "error of x2, nm", "error of q2, rad", "time, ms"),
+    *(rows, "waters-two", lambda row: tuple(row[:2]) in SHOWN),
+)

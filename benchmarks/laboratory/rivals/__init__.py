@@ -40,11 +40,7 @@ RIVALS = (
 
 
 def require(rivals: tuple[Rival, ...] = RIVALS) -> None:
-    """Checks that the packages of the rivals are installed, before minutes are spent on measuring.
-
-    Raises:
-        ImportError: a package is not installed; the message names the extra that contains it.
-    """
+    """Checks that the packages of the rivals are installed, before minutes are spent on measuring."""
     missing = [name for name in dict.fromkeys(n for r in rivals for n in r.needs) if find_spec(name) is None]
     if missing:
         raise ImportError(f"the rivals need {' and '.join(missing)}: pip install 'midlie_jax[bench]'.")

@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import jax.numpy as jnp
 import numpy as np
+from harness import Table
 
 import midlie_jax as ml
 
-from .starts import random
+from . import random
 
 SPINS, TIME = 64, 20.0
 STEPS = 0.1, 0.2
 METHODS = "SUBLATTICES[EA]", "SUBLATTICES[KL6]", "spherical midpoint", "Lie midpoint of spins", "RK4"
-HEADS = "method", "h", "energy error / N", "total spin error / N", "length error"
 
 
 def errors(method: str, dt: float, *, spins: int = SPINS, time: float = TIME) -> tuple[float, float, float]:
@@ -31,3 +31,10 @@ def rows() -> Iterator[list[str]]:
     for method in METHODS:
         for dt in STEPS:
             yield [f"`{method}`", f"{dt:g}", *(f"{error:.1e}" for error in errors(method, dt))]
+
+
+TABLE = Table(
+    *("reports/heat.md", "conservation"),
+    ("method", "h", "energy error / N", "total spin error / N", "length error"),
+    *(rows, "spins-conservation", lambda row: row[1] == "0.2", (0, 2, 3, 4)),
+)

@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, new_figure
 
@@ -46,12 +47,7 @@ def _end(method: str, shape: tuple[int, ...]) -> Any:
 
 
 class Waves(NamedTuple):
-    """A step, linear about the ferromagnet.
-
-    Attributes:
-        error: the largest relative error of a frequency; infinite if the step fails.
-        growth: the largest | |eigenvalue| - 1 |.
-    """
+    """Of a linear step the largest relative error of a frequency, inf if it fails, and largest | |eigenvalue| - 1 |."""
 
     error: float
     growth: float
@@ -92,30 +88,16 @@ def _cost(method: str) -> float:
     return evaluations / 2 if method.startswith("SUBLATTICES") else evaluations
 
 
-HEADS = "method", "lattice", "largest h", "h times the highest w", "field evaluations per time", "size of a wave - 1"
-
-
 def rows() -> Iterator[list[str]]:
     for name, shape in LATTICES.items():
         for method in METHODS:
             dt, found = largest_step(method, shape)
-            yield [
-                f"`{method}`",
-                name,
-                f"{dt:.3f}",
-                f"{dt * known(shape).max():.2f}",
-                f"{_cost(method) / dt:.0f}" if dt else "-",
-                f"{found.growth:.0e}",
-            ]
+            cost = f"{_cost(method) / dt:.0f}" if dt else "-"
+            yield [f"`{method}`", name, f"{dt:.3f}", f"{dt * known(shape).max():.2f}", cost, f"{found.growth:.0e}"]
 
 
 class Peaks(NamedTuple):
-    """The spectrum of a chain.
-
-    Attributes:
-        angles: wave numbers k, from -pi to pi, (n,).
-        found: the frequency of the highest peak of |S+(k, w)|^2 for each k, 1/time, (n,).
-    """
+    """For each wave number k of a chain, from -pi to pi, the frequency of the highest peak of |S+(k, w)|^2."""
 
     angles: np.ndarray
     found: np.ndarray
@@ -152,9 +134,6 @@ def peak_of(frequencies: np.ndarray, size: np.ndarray) -> float:
     ratio = max(before, after) / size[at]
     shift = (2 * ratio - 1) / (1 + ratio) * (1 if after > before else -1)
     return float(frequencies[at] + shift * (frequencies[1] - frequencies[0]))
-
-
-PEAK_HEADS = "method", "largest error of a peak", "at k = π/4", "at k = π"
 
 
 def peak_rows(found: dict[str, Peaks]) -> Iterator[list[str]]:
@@ -200,5 +179,31 @@ def draw(found: dict[str, Peaks], out: Path) -> None:
     right.set_ylim(top=10)
     label_ends(left, ends, size=9.0)
     left.set_xticks(np.linspace(0, 1, 5))
-    figure.savefig(out, dpi=100)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
+
+
+STEP_HEADS = (
+    "method",
+    "lattice",
+    "largest h",
+    "h times the highest w",
+    "field evaluations per time",
+    "size of a wave - 1",
+)
+LARGEST = Table(
+    *("reports/heat.md", "steps", STEP_HEADS, rows),
+    *("spins-steps", lambda row: row[1] == "chain of 32", (0, 2, 4, 5)),
+)
+PEAKS = Table(
+    *("reports/heat.md", "peaks", ("method", "largest error of a peak", "at k = π/4", "at k = π")),
+    data="spins-peaks",
+    columns=(0, 1),
+)
+
+
+def measure(options: Any) -> None:
+    found = {method: peaks(method) for method in SEEN}
+    if options.write:
+        draw(found, REPORTS / "spins-waves.png")
+    PEAKS.show(options.write, peak_rows(found))
+    LARGEST.show(options.write)

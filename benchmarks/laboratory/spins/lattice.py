@@ -6,23 +6,20 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from harness import Compiled, Table, compiled, in_turn
 
 import midlie_jax as ml
-from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.advice.timing import timed_in_turn
 
-from . import depondt
-from .starts import random
+from . import depondt, random
 
 SHAPES = (16, 16, 16), (100, 100, 100)
 OURS, JAX = ("SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "RK4"), "Depondt-Mertens in JAX"
-HEADS = ("spins", "dtype", "method", "ns per spin-step", "million spin-steps per second", "relative to a copy")
 LEAST, UPDATES = 16, 8_000_000  # steps, and spin-steps of a run
 # A step must at least read every spin, and write it.
 NUMBERS = 6
 
 
-def _copy(spin: Any, steps: int) -> Callable[[], Any]:
+def _copy(spin: Any, steps: int) -> Compiled:
     """As many passes over memory as steps, each of which reads all spins and writes them."""
     factor = jnp.asarray(1.0000001, spin.dtype)
 
@@ -30,8 +27,7 @@ def _copy(spin: Any, steps: int) -> Callable[[], Any]:
         return jax.lax.fori_loop(0, steps, lambda _, x: tuple(factor * y for y in x), parts)
 
     parts = tuple(jnp.asarray(spin[..., i]) for i in range(3))
-    run = jax.jit(whole, compiler_options=compiler_options(spin.size // 3))
-    return lambda: jax.block_until_ready(run(parts))
+    return compiled(whole, parts, bodies=spin.size // 3)
 
 
 def _ours(method: str, start: ml.SpinState, steps: int) -> Callable[[], Any]:
@@ -39,8 +35,7 @@ def _ours(method: str, start: ml.SpinState, steps: int) -> Callable[[], Any]:
     dt = jnp.asarray(0.05, start.spin.dtype)
 
     def run() -> Any:
-        path = ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=steps, save_every=None)
-        return jax.block_until_ready(path.states.spin)
+        return ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=steps, save_every=None).states.spin
 
     return run
 
@@ -55,25 +50,24 @@ def rows(shapes: tuple[tuple[int, ...], ...] = SHAPES, rounds: int = 5) -> list[
             steps = max(LEAST, UPDATES // math.prod(shape))
 
             def theirs(spin: Any = spin, dt: Any = dt, steps: int = steps) -> Any:
-                return jax.block_until_ready(depondt.run(spin, dt, steps))
+                return depondt.run(spin, dt, steps)
 
             runs = [_copy(spin, steps), *(_ours(method, start, steps) for method in OURS), theirs]
             for run in runs:
                 run()
             per = 1e9 / steps / math.prod(shape)
-            limit, *times = (per * timing.seconds for _, timing in timed_in_turn(runs, least=rounds, most=rounds))
+            limit, *times = (per * seconds for seconds in in_turn(runs, rounds))
             for method, time in zip((*(f"`{name}`" for name in OURS), JAX), times, strict=True):
                 cells = f"{time:.3g}", f"{1e3 / time:.3g}", f"{limit / time:.2g}"
                 found.append((f"{math.prod(shape):,}", dtype, method, *cells))
             bandwidth = NUMBERS * spin.dtype.itemsize / limit
-            found.append(
-                (
-                    f"{math.prod(shape):,}",
-                    dtype,
-                    "a copy",
-                    f"{limit:.3g}",
-                    f"{1e3 / limit:.3g}",
-                    f"{bandwidth:.3g} GB/s",
-                )
-            )
+            cells = f"{limit:.3g}", f"{1e3 / limit:.3g}", f"{bandwidth:.3g} GB/s"
+            found.append((f"{math.prod(shape):,}", dtype, "a copy", *cells))
     return found
+
+
+TABLE = Table(
+    *("reports/heat.md", "lattice"),
+    ("spins", "dtype", "method", "ns per spin-step", "million spin-steps per second", "relative to a copy"),
+    *(rows, "spins-lattice", lambda row: row[:2] == ["1,000,000", "float64"], (2, 3, 4, 5)),
+)

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
 from midlie_jax.advice.timing import timed_in_turn
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, new_figure
 
-from . import depondt, spirit_runs
-from .starts import random
+from . import depondt, random, spirit_runs
 
 SHAPE, TIME = (64, 64), 10.0
 JAX = "Depondt-Mertens in JAX"
@@ -40,13 +40,7 @@ TARGETS = 1e-1, 1e-2, 1e-3, 1e-4
 
 
 class Rung(NamedTuple):
-    """A method with a step.
-
-    Attributes:
-        error: the root of the mean of the square of the error of a spin at the end.
-        cost: ns a spin and time 1/J, one core.
-        step_cost: ns a spin and step.
-    """
+    """A method with a step: rms error of a spin at the end, ns a spin and time 1/J, and ns a spin and step."""
 
     method: str
     dt: float
@@ -106,10 +100,8 @@ def measured(
     for (method, dt, steps), ((end, ok), timing) in zip(cases, timings, strict=True):
         if bool(ok):
             error = math.sqrt(float(np.mean(np.sum((np.asarray(end) - np.asarray(known)) ** 2, axis=-1))))
-            spins = math.prod(shape)
-            found.append(
-                Rung(method, dt, error, 1e9 * timing.seconds / spins / time, 1e9 * timing.seconds / spins / steps)
-            )
+            nanoseconds = 1e9 * timing.seconds / math.prod(shape)
+            found.append(Rung(method, dt, error, nanoseconds / time, nanoseconds / steps))
     return found
 
 
@@ -123,7 +115,6 @@ def cost_at(rungs: Sequence[Rung], error: float) -> float:
     return math.nan
 
 
-HEADS = "method", "ns per spin-step", *(f"error {x:g}" for x in TARGETS)
 COMPARED = "SUBLATTICES[SRKN6b]"
 
 
@@ -166,5 +157,19 @@ def draw(found: Sequence[Rung], out: Path) -> None:
     panel.set_ylabel("error of a spin, root mean square [-]")
     panel.grid(alpha=0.3, color=GREY)
     label_ends(panel, ends, size=9.0)
-    figure.savefig(out, dpi=100)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
+
+
+TABLE = Table(
+    *("reports/heat.md", "rivals", ("method", "ns per spin-step", *(f"error {x:g}" for x in TARGETS))),
+    data="spins-rivals",
+    key=lambda row: "SIB" not in row[0],
+    columns=(0, 1, 2, 3, 5),
+)
+
+
+def measure(options: Any) -> None:
+    found = measured()
+    if options.write:
+        draw(found, REPORTS / "spins-rivals.png")
+    TABLE.show(options.write, rows(found))

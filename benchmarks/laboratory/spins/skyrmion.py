@@ -19,9 +19,10 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.plot.style import BLACK, new_figure
 
 SIZE, J, DMI, FIELD, GRADIENT = 48, 1.0, 0.3, 0.06, 3e-4
@@ -31,10 +32,7 @@ RELAXED, TIME, FRAMES = 400.0, 6000.0, 30
 
 
 class Moved(NamedTuple):
-    """Attributes:
-    times: of the saved states, (frames + 1,).
-    spin: (frames + 1, n, n, 3).
-    """
+    """Times of the saved states, (frames + 1,), and their spins, (frames + 1, n, n, 3)."""
 
     times: np.ndarray
     spin: np.ndarray
@@ -114,9 +112,6 @@ def thiele(spin: np.ndarray) -> np.ndarray:
     return np.array([-MOVING * d * y / g, y])
 
 
-HEADS = "time", "charge Q", "v_x", "v_y", "Thiele's v_x", "Thiele's v_y"
-
-
 def rows(found: Moved, count: int = 3) -> Iterator[list[str]]:
     """In some spans the mean velocity, and that of Thiele's equation for the shape in the middle."""
     places = place(found.spin)
@@ -150,8 +145,7 @@ def draw(found: Moved, out: Path, count: int = 4) -> None:
     panels[0].set_ylabel("y [lattice constants]")
     bar = figure.colorbar(image, cax=figure.add_axes((0.945, 0.15, 0.012, 0.69)), ticks=[-1, 0, 1])
     bar.set_label("z", rotation=0)
-    figure.savefig(out, dpi=90)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
 
 
 def animate(found: Moved, out: Path, scale: int = 4, seconds: float = 4.0) -> None:
@@ -169,3 +163,14 @@ def animate(found: Moved, out: Path, scale: int = 4, seconds: float = 4.0) -> No
     pause = round(1000 * seconds / len(frames))
     frames[0].save(whole, format="GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0, optimize=True)
     out.write_bytes(whole.getvalue())
+
+
+TABLE = Table("reports/heat.md", "skyrmion", ("time", "charge Q", "v_x", "v_y", "Thiele's v_x", "Thiele's v_y"))
+
+
+def measure(options: Any) -> None:
+    found = measured()
+    if options.write:
+        draw(found, REPORTS / "spins-skyrmion.png")
+        animate(found, REPORTS / "skyrmion.gif")
+    TABLE.show(options.write, rows(found))

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, new_figure
 
-from .starts import random
+from . import random
 
 STEPS = 0.8, 0.4, 0.2, 0.1
 STARTS = 8
@@ -34,20 +35,14 @@ class Case(NamedTuple):
     method: str
 
 
-CASES = [
-    *(Case(ONE, method) for method in ("spherical midpoint", "Lie midpoint of spins")),
-    *(
-        Case(COUPLED, method)
-        for method in (
-            "spherical midpoint",
-            "Lie midpoint of spins",
-            "SUBLATTICES[EA]",
-            "SUBLATTICES[SRKN6b]",
-            "SUBLATTICES[KL6]",
-        )
-    ),
-]
-HEADS = "system", "method", "defect", *(f"h = {h:g}" for h in STEPS), "order in h"
+METHODS: tuple[str, ...] = (
+    "spherical midpoint",
+    "Lie midpoint of spins",
+    "SUBLATTICES[EA]",
+    "SUBLATTICES[SRKN6b]",
+    "SUBLATTICES[KL6]",
+)
+CASES = [*(Case(ONE, method) for method in METHODS[:2]), *(Case(COUPLED, method) for method in METHODS)]
 
 
 def _field(system: str) -> Any:
@@ -121,7 +116,7 @@ def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEP
     figure.subplots_adjust(left=0.09, right=0.985, top=0.87, bottom=0.13, wspace=0.05)
     title = "Only the spherical midpoint rule is symplectic"
     figure.suptitle(title, x=0.09, ha="left", fontsize=12, weight="bold")
-    colours = dict(zip((case.method for case in CASES[2:]), (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
+    colours = dict(zip(METHODS, (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
     for panel, system in zip(panels, (ONE, COUPLED), strict=True):
         ends: list[End] = []
         for case, errors in found.items():
@@ -138,5 +133,19 @@ def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEP
         panel.grid(alpha=0.3, color=GREY)
         label_ends(panel, ends, size=9.0)
     panels[0].set_ylabel("symplectic defect of one step [-]")
-    figure.savefig(out, dpi=100)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
+
+
+TABLE = Table(
+    *("reports/heat.md", "area", ("system", "method", "defect", *(f"h = {h:g}" for h in STEPS), "order in h")),
+    data="spins-area",
+    key=lambda row: row[0] != ONE and row[2] == "symplectic",
+    columns=(1, 5, 7),
+)
+
+
+def measure(options: Any) -> None:
+    found = measured()
+    if options.write:
+        draw(found, REPORTS / "spins-area.png")
+    TABLE.show(options.write, rows(found))

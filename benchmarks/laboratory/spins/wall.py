@@ -28,9 +28,10 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from harness import REPORTS, Table
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.figures import write
 from midlie_jax.plot.style import BLUE, GREY, VERMILLION, new_figure
 
 J, EASY, HARD, DAMPING = 1.0, 0.02, 0.004, 0.2
@@ -80,15 +81,8 @@ def found(field: float, *, method: str = METHOD, spins: int = SPINS, time: float
         + ml.torques.AppliedField(jnp.array([0.0, 0.0, field]))
     )
     every = max(1, round(time / DT) // saved)
-    path = ml.integrate(
-        method,
-        ml.Spins(DAMPING),
-        torque,
-        ml.SpinState(jnp.asarray(start)),
-        dt=DT,
-        steps=every * saved,
-        save_every=every,
-    )
+    run: Any = {"dt": DT, "steps": every * saved, "save_every": every}
+    path = ml.integrate(method, ml.Spins(DAMPING), torque, ml.SpinState(jnp.asarray(start)), **run)
     assert bool(jnp.all(path.ok))
     spin = np.asarray(path.states.spin)
     where = spin[..., 2].sum(axis=1) / 2
@@ -102,9 +96,6 @@ def found(field: float, *, method: str = METHOD, spins: int = SPINS, time: float
 
 def measured(shares: Sequence[float] = SHARES, **options: Any) -> list[Speed]:
     return [Speed(share * WALKER, found(share * WALKER, **options), known(share * WALKER)) for share in shares]
-
-
-HEADS = "B / (alpha K')", "simulated speed", "theory", "simulated / theory - 1"
 
 
 def rows(speeds: Sequence[Speed]) -> Iterator[list[str]]:
@@ -132,5 +123,23 @@ def draw(speeds: Sequence[Speed], out: Path) -> None:
     panel.set_ylim(bottom=0)
     panel.set_xlim(left=0)
     panel.grid(alpha=0.3, color=GREY)
-    figure.savefig(out, dpi=100)
-    out.write_bytes(few_colours(out.read_bytes()))
+    write(figure, str(out))
+
+
+def words(rows: list[dict[str, str]]) -> list[str]:
+    off = max(abs(float(row["simulated / theory - 1"])) for row in rows)
+    return [f"The simulated speeds agree with theory within {off:.1e} (relative), below and above Walker's field.", ""]
+
+
+TABLE = Table(
+    *("reports/heat.md", "wall", ("B / (alpha K')", "simulated speed", "theory", "simulated / theory - 1")),
+    data="spins-wall",
+    words=words,
+)
+
+
+def measure(options: Any) -> None:
+    found = measured()
+    if options.write:
+        draw(found, REPORTS / "spins-wall.png")
+    TABLE.show(options.write, rows(found))

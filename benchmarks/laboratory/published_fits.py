@@ -1,28 +1,21 @@
-"""Fits to published rates, each estimate beside the published number, put into docs/reports/applications.md.
+"""Fits to published rates, each estimate beside the published number.
 
-    python benchmarks/published_fits.py [--write]
-
-Two data sets. The tumbling brick of NASA's NESC (check case 2, simulation 1) is a free body: thirteen rows of its
-rates. The satellite of NASA's JEOD (verification case RUN_10A) turns in the gravity gradient of the Earth on a known
-orbit, from a known attitude: only its rates at the start and after 28,800 s are published. All rates are in the body
-frame.
+The tumbling brick of NASA's NESC (check case 2, simulation 1) is a free body: thirteen rows of its rates. The satellite
+of NASA's JEOD (verification case RUN_10A) turns in the gravity gradient of the Earth on a known orbit, from a known
+attitude: only its rates at the start and after 28,800 s are published. All rates are in the body frame.
 """
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import Table
 
-jax.config.update("jax_enable_x64", True)
-
-from pages import command, publish  # noqa: E402
-
-import midlie_jax as ml  # noqa: E402
-from midlie_jax import fitting  # noqa: E402
-from midlie_jax.cli import scenes  # noqa: E402
-
-BEGIN, END = "<!-- published fits -->", "<!-- /published fits -->"
+import midlie_jax as ml
+from midlie_jax import fitting
+from midlie_jax.cli import scenes
 
 BRICK = np.array([0.00189422, 0.006211019, 0.007194665])  # slug ft^2
 BRICK_TIMES = np.arange(0.0, 30.1, 2.5)  # seconds
@@ -58,12 +51,12 @@ METHOD = "RK4"
 BRICK_STEP = 2.5 / 100
 
 
-def free(values):
+def free(values: Any) -> Any:
     body = ml.RigidBody(values["moments"])
     return body, None, ml.MomentumState(body.momentum(values["rate"]))
 
 
-def brick_guess():
+def brick_guess() -> dict[str, Any]:
     """Moments in other ratios by 3 to 8 %, with the published sum; rates off by 2 %."""
     moments = BRICK * [1.05, 0.97, 1.0]
     moments = moments * (BRICK.sum() / moments.sum())
@@ -73,28 +66,28 @@ def brick_guess():
     }
 
 
-def brick_data(rates=BRICK_RATES):
+def brick_data(rates: Any = BRICK_RATES) -> fitting.Rates:
     return fitting.Rates(BRICK_TIMES, rates, NOISE)
 
 
-def fitted_brick():
+def fitted_brick() -> Any:
     return ml.fit(free, brick_guess(), brick_data(), method=METHOD, dt=BRICK_STEP)
 
 
-def satellite(values):
+def satellite(values: Any) -> Any:
     """On the published orbit from the published attitude; the rates at the start are a parameter or the published."""
-    scene = scenes.scene("gravity-gradient")
+    scene: Any = scenes.scene("gravity-gradient")
     body = ml.RigidBody(values["moments"])
     torque = ml.torques.GravityGradient(None, scene.torque.orbit, scene.torque.mu)
     rate = values.get("rate", jnp.asarray(SATELLITE_RATES[0]))
     return body, torque, ml.RigidState(body.momentum(rate), scene.start.attitude)
 
 
-def satellite_data():
+def satellite_data() -> fitting.Rates:
     return fitting.Rates(SATELLITE_TIMES, SATELLITE_RATES, KNOWN_TO)
 
 
-def fitted_satellite():
+def fitted_satellite() -> Any:
     """The first moment of the guess is a fifth too large, and the published sum of the moments is kept."""
     guess = {
         "moments": fitting.Moments([600.0, 12200.0, 12200.0], scale="fixed"),
@@ -103,18 +96,18 @@ def fitted_satellite():
     return ml.fit(satellite, guess, satellite_data(), method=METHOD, dt=5.0, absolute_sigma=True)
 
 
-def satellite_without_scale():
+def satellite_without_scale() -> Any:
     """The same with all three moments free, which the data do not determine; the rates at the start are known."""
     guess = {"moments": fitting.Moments([600.0, 12200.0, 12200.0])}
-    options = {"method": METHOD, "dt": 5.0, "absolute_sigma": True, "require_rank": False}
+    options: Any = {"method": METHOD, "dt": 5.0, "absolute_sigma": True, "require_rank": False}
     return ml.fit(satellite, guess, satellite_data(), **options)
 
 
-def ratios(values):
+def ratios(values: Any) -> Any:
     return values["moments"][:2] / values["moments"][2]
 
 
-def quantities(label, result, published, unit):
+def quantities(label: str, result: Any, published: Any, unit: str) -> Iterator[tuple[str, str, Any, Any, Any]]:
     """Ratios of the moments and the rates at the start: published, fitted, half the 95 % interval."""
     moments, rate = published
     values, intervals = result.derived(ratios)
@@ -125,10 +118,7 @@ def quantities(label, result, published, unit):
         yield label, f"Ω{i + 1} at the start, {unit}", rate[i], values[i], np.ptp(intervals[i]) / 2
 
 
-HEADS = ("body", "quantity", "published", "fitted", "half of the 95 % interval")
-
-
-def rows():
+def rows() -> Iterator[list[str]]:
     brick, other = fitted_brick(), fitted_satellite()
     assert brick.ok
     assert other.ok
@@ -138,15 +128,16 @@ def rows():
     ]:
         digits = 1 - math.floor(math.log10(half))
         shown = f"{round(float(found), digits) + 0.0:.{digits}f}"  # no zero with a sign
-        yield label, name, f"{published:.12g}", shown, f"{half:.1e}"
+        yield [label, name, f"{published:.12g}", shown, f"{half:.1e}"]
 
 
-def write(lines):
-    """Puts the whole table into its data file, and the ratios of the moments into the page."""
-    ratio = lambda row: row[1] in ("I1/I3", "I2/I3")  # noqa: E731
-    publish("reports/applications.md", BEGIN, END, lines, "published-fits", ratio)
+TABLE = Table(
+    *("reports/applications.md", "published fits"),
+    ("body", "quantity", "published", "fitted", "half of the 95 % interval"),
+    *(rows, "published-fits", lambda row: row[1] in ("I1/I3", "I2/I3")),
+)
 
 
-if __name__ == "__main__":
-    command(__doc__, "reports/applications.md", BEGIN, END, HEADS, rows(), write)
+def measure(options: Any) -> None:
+    TABLE.show(options.write)
     print(satellite_without_scale())

@@ -1,21 +1,20 @@
-"""How many times faster than heyoka and diffrax, at equal error: docs/times-faster.png.
+"""What the data of docs/reports/work-precision.md say: the fastest methods, and docs/times-faster.png.
 
-    python benchmarks/times_faster.py
-
-Draws docs/reports/tables/work-precision.csv. `make rivals` measures them, and draws this picture at its end.
-Above the line at 1 the fastest of our methods takes less time than the other program.
+Nothing is measured here. Above the line at 1 of the picture, the fastest of our methods takes less time than the other
+program.
 """
 
 import re
+from collections.abc import Iterator
 
-from pages import DOCS, by_scene
+from harness import DOCS, Table, by_scene
 
 from midlie_jax.cli.figures import FAINT, INK, heading, new_figure, panel, write
 from midlie_jax.cli.line_labels import End, label_ends
 
 PICTURE = DOCS / "times-faster.png"
 COLUMNS = {"heyoka": "general / heyoka", "diffrax": "general / diffrax"}
-SCENES = {
+LOOKS = {
     "P1": ("fast heavy top", "#0072B2", "o"),
     "bruls-cardona": ("heavy top of Brüls and Cardona", "#009E73", "s"),
     "tumbling-brick": ("tumbling brick", "#D55E00", "^"),
@@ -51,7 +50,7 @@ def _digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
 
 
-def main() -> None:
+def draw() -> None:
     figure = new_figure(13.0, 5.6)
     every = measured()
     spans = {name: [1 / ratio for rows in scenes.values() for _, ratio in rows] for name, scenes in every.items()}
@@ -64,7 +63,7 @@ def main() -> None:
         axes.axhline(1.0, color=FAINT, linewidth=1.2)
         axes.annotate("equal", (2.4e-3, 1.06), color=INK, fontsize=9)
         ends: list[End] = []
-        for scene, (label, colour, marker) in SCENES.items():
+        for scene, (label, colour, marker) in LOOKS.items():
             if scene not in scenes:
                 continue
             errors, ratios = zip(*scenes[scene], strict=True)
@@ -79,5 +78,33 @@ def main() -> None:
     print(f"wrote {PICTURE.name}")
 
 
-if __name__ == "__main__":
-    main()
+# ---- the fastest methods at four errors ----
+
+ERRORS = ("1e-03", "1e-06", "1e-09", "1e-12")
+TOLD = {"general": "any", "symplectic": "symplectic"}  # the family in the data file, and what readers are told
+EQUAL = "any, symplectic"
+
+
+def _cell(row: dict[str, str], family: str) -> str:
+    """Method and time of a family at one error; "same" stands for the column to its left."""
+    order = ["general: µs per body", "conserving: µs per body", "symplectic: µs per body"]
+    place = order.index(f"{family}: µs per body")
+    while row[order[place]] == "same":
+        place -= 1
+    name, _, time = row[order[place]].partition(": ")
+    return f"`{name}` {time.split()[0]}" if time else "-"
+
+
+def fastest_rows() -> Iterator[list[str]]:
+    """For each scene the fastest of all methods and of the symplectic ones, with µs per body; one row if equal."""
+    for scene, table in by_scene("work-precision").items():
+        at = {row["error"]: row for row in table}
+        found = {told: [_cell(at[error], family) for error in ERRORS] for family, told in TOLD.items()}
+        first, second = found.values()
+        for told, cells in ({EQUAL: first} if first == second else found).items():
+            yield [scene, told, *cells]
+
+
+FASTEST = Table(
+    "choosing-a-method.md", "fastest", ["scene", "method", *(f"error {error}" for error in ERRORS)], fastest_rows
+)

@@ -1,38 +1,34 @@
 """How rounding errors grow over up to 1e8 steps: free bodies and the fast top P1, for docs/reports/rounding.md.
 
-    python benchmarks/rounding_growth.py [--steps 100000000] [--parts FOLDER] [--write]
-
 Each run is an ensemble of 16 bodies. A free body is moved by the exact flight JACOBI, at .2 and at 2e-5 radians a step.
 P1 is moved by SYMMETRIC[CHIN4A] with steps of .005 (.25 radians), whose own error of the energy, 6e-15, is below
 rounding. Every run starts from numbers that float32 represents, so that the exact motion is the same in all precisions.
 Exact sums of rounding errors that fall either way grow as the square root of the number of steps (Brouwer's law); then
-the attitude, which sums the errors of the energy, grows with the power 3/2. The whole takes 20 minutes on one core;
-with `--parts` the command keeps each run in a folder and continues where it was stopped.
+the attitude, which sums the errors of the energy, grows with the power 3/2. The whole takes 20 minutes on one core.
 """
 
-import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from laboratory.free_bodies import free_bodies, spatial_momentum
-from laboratory.runner import Rows, Runner
-from pages import DOCS, put
+from harness import REPORTS, Table, in_turn
 
 import midlie_jax as ml
-from midlie_jax.advice.timing import pin
+from midlie_jax.advice.program import Program
 from midlie_jax.cli import scenes
+from midlie_jax.cli.figures import heading, new_figure, panel, write
+from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.cli.oracles import free_body
 
-jax.config.update("jax_enable_x64", True)
+from .free_bodies import free_bodies, spatial_momentum
+from .runner import Rows, Runner
 
 BODIES, PER_DECADE = 16, 4
 LARGEST = 0.1  # an error beyond which an attitude is lost, and no longer grows as a power
 DECADES = 3.0  # of steps before the last over which an exponent is fitted
-BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
 
 
 class Mode(NamedTuple):
@@ -186,7 +182,7 @@ def measured(steps: int, folder: Path | None) -> Iterator[Growth]:
         most = round(case.share * steps)
         samples = round(PER_DECADE * np.log10(most / 10))
         counts = np.unique(np.round(np.geomspace(10, most, samples + 1)).astype(int))
-        truth = exact_attitudes(case, list(counts)) if case.rows.torque is None else None
+        truth: Any = exact_attitudes(case, list(counts)) if case.rows.torque is None else None
         for mode in MODES:
             states = kept(case, mode, list(counts), folder)
             found = errors(case, states, truth)
@@ -204,17 +200,10 @@ UNITS = {
     "energy": "error of the energy [initial E]",
     "attitude": "error of the attitude [rad]",
 }
-COLOURS = {
-    "float64": "#0072B2",
-    "float32": "#D55E00",
-    "float32, compensated": "#CC79A7",
-}
+COLOURS = {"float64": "#0072B2", "float32": "#D55E00", "float32, compensated": "#CC79A7"}
 
 
 def draw(results: list[Growth], path: Path) -> None:
-    from midlie_jax.cli.figures import heading, new_figure, panel, write
-    from midlie_jax.cli.line_labels import End, label_ends
-
     names = list(dict.fromkeys(growth.case for growth in results))
     figure = new_figure(16.0, 12.5)
     heading(
@@ -248,8 +237,7 @@ def draw(results: list[Growth], path: Path) -> None:
     write(figure, str(path))
 
 
-def lines(results: list[Growth]) -> list[str]:
-    table = ["| run | quantity | " + " | ".join(mode.name for mode in MODES) + " |", "|---" * (2 + len(MODES)) + "|"]
+def table_rows(results: list[Growth]) -> Iterator[list[str]]:
     for case, quantity in dict.fromkeys((growth.case, growth.quantity) for growth in results):
         cells = []
         for mode in MODES:
@@ -259,34 +247,45 @@ def lines(results: list[Growth]) -> list[str]:
                 continue
             lean = "" if np.isnan(found[0].lean) else f", mean {found[0].lean:+.1f}"
             cells.append(f"{found[0].exponent:.2f}: {found[0].error[-1]:.1e}{lean}")
-        table.append(f"| {case} | {quantity} | " + " | ".join(cells) + " |")
-    return table
+        yield [case, quantity, *cells]
 
 
-def main() -> None:
-    pin()
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=lambda text: int(float(text)), default=100_000_000)
-    parser.add_argument("--parts", type=Path)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
-    results = []
-    for growth in measured(options.steps, options.parts):
+GROWTH = Table("reports/rounding.md", "growth", ("run", "quantity", *(mode.name for mode in MODES)))
+
+
+def measure(options: Any) -> None:
+    results: list[Growth] = []
+    for growth in measured(int(options.steps or 1e8), options.parts):
         results.append(growth)
-        print(
-            growth.case,
-            growth.mode.name,
-            growth.quantity,
-            f"{growth.error[-1]:.2e}",
-            f"{growth.exponent:.2f}",
-            f"{growth.lean:+.1f}",
-            flush=True,
-        )
-    print("\n".join(lines(results)))
+        numbers = f"{growth.error[-1]:.2e}", f"{growth.exponent:.2f}", f"{growth.lean:+.1f}"
+        print(growth.case, growth.mode.name, growth.quantity, *numbers, flush=True)
+    GROWTH.show(options.write, table_rows(results))
     if options.write:
-        put("reports/rounding.md", BEGIN, END, lines(results))
-        draw(results, DOCS / "reports" / "rounding-growth.png")
+        draw(results, REPORTS / "rounding-growth.png")
 
 
-if __name__ == "__main__":
-    main()
+# ---- what a step costs with each state and dtype ----
+
+COPIES, CHUNK, STEPS, TURNS = 64, 256, 2000, 15
+
+
+def _compiled(case: Case, mode: Mode) -> Callable[[], Any]:
+    """A run of many copies of the first body of a case, from the starts of all."""
+    rows = rows_of(case, mode)
+    body, torque, dt = jax.tree.map(lambda x: x[0], (rows.body, rows.torque, rows.dt))
+    starts = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), rows.start)
+    program = Program(ml.method(case.method), body, torque, starts, chunk=CHUNK)
+    _, ok = program.run(float(dt), STEPS)
+    if not ok.all():
+        raise RuntimeError(f"{case.name}, {mode.name}: a step failed.")
+    return lambda: program.run(float(dt), STEPS)
+
+
+def cost_rows() -> Iterator[list[str]]:
+    free, _, top = cases()
+    for case in (free, top._replace(method="SYMMETRIC[EA]"), top):
+        times = in_turn([_compiled(case, mode) for mode in MODES], TURNS)
+        yield [f"`{case.method}`", *(f"{1e9 * seconds / (COPIES * BODIES * STEPS):.1f}" for seconds in times)]
+
+
+COST = Table("reports/rounding.md", "cost", ("method", *(mode.name for mode in MODES)), cost_rows)

@@ -1,1 +1,0 @@
-"""Deformable solids by the methods for particles: a thrown block, d'Alembert's bar, and what steps cost."""
