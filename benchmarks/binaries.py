@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 import one_core  # noqa: F401
-from harness import REPORTS, Compiled, Table, compiled, first_call, in_turn, main, save, shown
+from harness import REPORTS, Compiled, Line, Panel, Table, chart, compiled, first_call, in_turn, main, save, shown
 from laboratory import didymos
-from matplotlib import pyplot as plt
 
 import midlie_jax as ml
 from midlie_jax.plot.style import BLUE, GREEN, ORANGE, VERMILLION
@@ -139,37 +138,26 @@ def long_rows() -> Iterator[list[str]]:
         yield [f"`{method}`", f"{dt:g}", *halves, f"{lost:.0e}", f"{seconds:.1f}"]
 
 
-COLOURS, RIVAL = (BLUE, ORANGE, GREEN, VERMILLION), "0.35"
+COLOURS = (BLUE, ORANGE, GREEN, VERMILLION)
 
 
 def draw(found: dict[int, list[Rung]], out: Path) -> None:
     """Error of a day against its run time: a panel for each degree of the gravity, a line for each method."""
-    figure, axes = plt.subplots(1, len(found), figsize=(11, 4.6), sharey=True, layout="constrained")
-    for panel, (degree, rungs) in zip(np.atleast_1d(axes), found.items(), strict=True):
-        _panel(panel, degree, rungs)
-    axes[0].set_ylabel("largest relative error after a simulated day")
-    figure.savefig(out, dpi=110)
-    plt.close(figure)
-
-
-def _panel(panel: Any, degree: int, rungs: list[Rung]) -> None:
-    for number, method in enumerate(dict.fromkeys(rung.method for rung in rungs)):
-        own = sorted((rung for rung in rungs if rung.method == method), key=lambda rung: rung.milliseconds)
-        x, y = [rung.milliseconds for rung in own], [rung.error for rung in own]
-        panel.loglog(x, y, "o-", color=COLOURS[number], markersize=4)
-        label: Any = {"xytext": (-6, -3), "textcoords": "offset points", "ha": "right", "fontsize": 9}
-        panel.annotate(method, (x[0], y[0]), color=COLOURS[number], **label)
-    seconds, error = GUBAS[degree]
-    panel.loglog([1e3 * seconds], [error], "s", color=RIVAL)
-    place: Any = {"xytext": (-6, 8), "textcoords": "offset points", "ha": "right", "fontsize": 9}
-    panel.annotate("GUBAS", (1e3 * seconds, error), color=RIVAL, **place)
-    faster = 1e3 * seconds / min(rung.milliseconds for rung in rungs if rung.error <= error)
-    words = f"gravity of degree {degree}: {float(f'{faster:.1g}'):,.0f} times faster than GUBAS"
-    panel.set_title(words, loc="left", fontsize=11, weight="bold")
-    panel.set_xlabel("run time per simulated day and binary, one core [ms]")
-    panel.grid(alpha=0.3)
-    panel.margins(0.1)
-    panel.set_xlim(left=3e-4)  # room for the labels
+    panels = []
+    for degree, all_rungs in found.items():
+        lines = []
+        for colour, method in zip(COLOURS, dict.fromkeys(rung.method for rung in all_rungs), strict=False):
+            own = sorted((rung for rung in all_rungs if rung.method == method), key=lambda rung: rung.milliseconds)
+            x, y = [rung.milliseconds for rung in own], [rung.error for rung in own]
+            lines.append(Line(method, x, y, colour, "o-", options={"markersize": 4}))
+        seconds, error = GUBAS[degree]
+        lines.append(Line("GUBAS", [1e3 * seconds], [error], "0.35", "s"))
+        faster = 1e3 * seconds / fastest(all_rungs, error).milliseconds
+        title = f"gravity of degree {degree}: {float(f'{faster:.1g}'):,.0f} times faster than GUBAS"
+        up, scales = "largest relative error after a simulated day", {"xscale": "log", "yscale": "log"}
+        across = "run time per simulated day and binary, one core [ms]"
+        panels.append(Panel(title, across, up, lines, scales))
+    chart(out, [panels], (11, 4.6), left=0.08, right=0.98, bottom=0.12, top=0.92, wspace=0.25)
 
 
 COST = Table(

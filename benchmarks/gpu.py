@@ -35,7 +35,7 @@ import jax
 import jax.numpy as jnp
 import limit
 import numpy as np
-from harness import REPORTS, link, main, part, put, row_of, save
+from harness import REPORTS, Line, Panel, chart, link, main, part, put, row_of, save
 from laboratory.kinds.rigid import rates
 
 import midlie_jax as ml
@@ -238,37 +238,30 @@ def table(figures: list[Figure]) -> list[str]:
     return [row_of(line) for line in lines]
 
 
-def chart(figures: list[Figure], path: Path) -> None:
-    from midlie_jax.cli.figures import heading, new_figure, panel, write
-    from midlie_jax.cli.line_labels import End, label_ends
+def draw(figures: list[Figure], path: Path) -> None:
     from midlie_jax.cli.line_styles import COOL, DASHED, SOLID, WARM, styles
 
-    figure = new_figure(13.0, 6.5)
-    dtypes = list(dict.fromkeys(f.job.dtype for f in figures))
-    panels = figure.subplots(1, len(dtypes), squeeze=False)[0]
-    figure.subplots_adjust(bottom=0.1, wspace=0.18)
-    most = max((f for f in figures if f.job.form == OURS), key=lambda f: f.speed)
-    words = f"{most.speed:.1e} body-steps per second".replace("e+", "e")
-    heading(figure, f"{most.job.method} reaches {words}; a GPU needs 1e5 bodies or more", where())
-    for axes, dtype in zip(panels, dtypes, strict=True):
+    def lines(dtype: str) -> Iterator[Line]:
         chosen = [f for f in figures if f.job.dtype == dtype and f.job.form in (OURS, TSIT5, SOLVER)]
         names = list(dict.fromkeys(f.job.method for f in chosen))
         look = styles([name for name in names if name in METHODS], COOL, SOLID, ours=True)
         look |= styles([name for name in names if name not in METHODS], WARM, DASHED, ours=False)
-        panel(axes, dtype, "number of bodies", "body-steps per second")
-        axes.set(xscale="log", yscale="log")
-        ends = []
         for name in names:
-            points = sorted((f.job.bodies, f.speed) for f in chosen if f.job.method == name)
-            axes.plot(*zip(*points, strict=True), **look[name].drawn(1.8, 6))
-            ends.append(End(name, look[name].colour, *points[-1], bold=name in METHODS))
+            x, y = zip(*sorted((f.job.bodies, f.speed) for f in chosen if f.job.method == name), strict=True)
+            yield Line(name, x, y, look[name].colour, "", name in METHODS, look[name].drawn(1.8, 6))
             if limits := sorted(
                 (f.job.bodies, f.speed) for f in figures if f.job == Job(name, dtype, f.job.bodies, KERNEL)
             ):
-                axes.plot(*zip(*limits, strict=True), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
-                ends.append(End(f"{name}, CUDA", look[name].colour, *limits[-1]))
-        label_ends(axes, ends, size=9.0)
-    write(figure, str(path))
+                x, y = zip(*limits, strict=True)
+                yield Line(f"{name}, CUDA", x, y, look[name].colour, ":", options={"linewidth": 0.9})
+
+    scales = {"xscale": "log", "yscale": "log"}
+    dtypes = dict.fromkeys(f.job.dtype for f in figures)
+    panels = [Panel(dtype, "number of bodies", "body-steps per second", list(lines(dtype)), scales) for dtype in dtypes]
+    most = max((f for f in figures if f.job.form == OURS), key=lambda f: f.speed)
+    words = f"{most.speed:.1e} body-steps per second".replace("e+", "e")
+    title = f"{most.job.method} reaches {words}; a GPU needs 1e5 bodies or more"
+    chart(path, [panels], (13.0, 6.5), title, where(), bottom=0.1, wspace=0.18)
 
 
 def write_page(device: str, lines: list[str]) -> None:
@@ -295,7 +288,7 @@ def measure(options: Any) -> None:
         figures.append(figure)
         print(f"{figure.job}: {figure.speed:.3g} body-steps per second, {figure.difference:.0f} eps", flush=True)
     print("\n".join([f"{where()}.", "", *table(figures)]))
-    chart(figures, REPORTS / "gpu.png" if options.write else Path("gpu.png"))
+    draw(figures, REPORTS / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
         write_page(where(), table(figures))
 

@@ -222,6 +222,56 @@ def in_turn(calls: Iterable[Callable[[], Any]], rounds: int, most: int | None = 
     return [timing.seconds for _, timing in timed_in_turn(waiting, least=rounds, most=most or rounds, **options)]
 
 
+# ---- charts ----
+
+
+class Line(NamedTuple):
+    """A line of a chart, or marks; with a name, it is named at its last point. `options` are those of `axes.plot`."""
+
+    name: str
+    x: Any
+    y: Any
+    colour: str
+    style: str = "-"
+    bold: bool = False
+    options: Mapping[str, Any] = {}
+
+
+class Panel(NamedTuple):
+    """A panel of a chart. `options` are those of `axes.set`; `more` draws what else there is."""
+
+    title: str
+    across: str
+    up: str
+    lines: Sequence[Line]
+    options: Mapping[str, Any] = {}
+    more: Callable[[Any], Any] = lambda axes: None
+
+
+def chart(
+    path: Path, rows: Sequence[Sequence[Panel]], size: tuple[float, float], title: str = "", note: str = "", **room: Any
+) -> None:
+    """Writes a PNG of panels in rows; size in inches, `room` as for `subplots_adjust`."""
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
+    from midlie_jax.cli.line_labels import End, label_ends
+
+    figure = new_figure(*size)
+    if title:
+        heading(figure, title, note)
+    figure.subplots_adjust(**room)
+    every = figure.subplots(len(rows), len(rows[0]), squeeze=False)
+    for axes, one in zip(every.flat, chain(*rows), strict=True):
+        panel(axes, one.title, one.across, one.up)
+        axes.set(**one.options)
+        for line in one.lines:
+            style = [line.style] if line.style else []
+            axes.plot(line.x, line.y, *style, **{"color": line.colour, **line.options})
+        one.more(axes)
+        named = [line for line in one.lines if line.name]
+        label_ends(axes, [End(line.name, line.colour, line.x[-1], line.y[-1], line.bold) for line in named], size=9.0)
+    write(figure, str(path))
+
+
 # ---- processes of their own ----
 
 

@@ -30,14 +30,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
-from harness import DOCS, Table, main
+from harness import DOCS, Line, Panel, Table, chart, main
 from laboratory import rounding_growth
 from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.cli.figures import heading, new_figure, panel, write
-from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.methods.flights import FLIGHTS, symmetric
 
 BODIES, SHOWN = 16, ("JACOBI", "SYMMETRIC", "SLIEMID4", "DLM", "LIEMID")  # SHOWN: flights on the page
@@ -151,7 +149,7 @@ def bias(options):
 
 # ---- the energy over long runs ----
 
-KEPT, SHARES = 20_000, 40
+KEPT, PARTS = 20_000, 40
 METHODS = {
     "P1": ("LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "SYMMETRIC[EA]", "SYMMETRIC[CHIN4A]"),
     "asymmetric-top": ("LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[EA]", "JACOBI[CHIN4A]"),
@@ -186,34 +184,30 @@ def long_runs(steps):
 
 def shifts(times, error):
     """Middles of the parts after the first, and the largest shift so far of their mean error from the first part's."""
-    middles, means = (np.array([part.mean() for part in np.array_split(x, SHARES)]) for x in (times, error))
+    middles, means = (np.array([part.mean() for part in np.array_split(x, PARTS)]) for x in (times, error))
     return middles[1:], np.maximum.accumulate(np.maximum(np.abs(means - means[0])[1:], 1e-16))
 
 
 def draw_long(results, path):
     """Draws the largest difference so far of the mean energy error of a part of the run from the first part's."""
-    figure = new_figure(13.0, 5.6)
+    colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
+
+    def line(colour, name, times, error):
+        return Line(name, *shifts(times, error), colour, bold=True, options={"linewidth": 2})
+
+    panels = []
+    for scene in METHODS:
+        runs = [result[1:4] for result in results if result[0] == scene]
+        lines = [line(colour, *one) for colour, one in zip(colours, runs, strict=True)]
+        title, up = f"{scene}, step {STEP[scene]:g}", "shift of the mean energy error [initial energy]"
+        options = {"yscale": "log", "xlim": (0, runs[0][1][-1])}
+        panels.append(Panel(title, "time [unit of time]", up, lines, options, lambda axes: axes.ticklabel_format(
+            axis="x", style="sci", scilimits=(5, 5))))  # fmt: skip
     peaks = {name: shifts(times, error)[1].max() for scene, name, times, error, *_ in results if scene == MOVED}
     ratio = peaks.pop("LIEMID[EA]") / max(peaks.values())
     title = f"On the asymmetric top, the energy of LIEMID[EA] shifts {ratio:.0f} times more than with other methods"
-    heading(figure, title, f"Means of the energy error over {SHARES} parts of the run; the largest difference so far.")
-    figure.subplots_adjust(bottom=0.11, wspace=0.2)
-    colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
-    for axes, scene_name in zip(figure.subplots(1, 2), METHODS, strict=True):
-        axes.set(yscale="log")
-        title = f"{scene_name}, step {STEP[scene_name]:g}"
-        panel(axes, title, "time [unit of time]", "shift of the mean energy error [initial energy]")
-        ends = []
-        scene_results = [r for r in results if r[0] == scene_name]
-        for colour, (_, name, times, error, _, _) in zip(colours, scene_results, strict=True):
-            middles, shift = shifts(times, error)
-            axes.plot(middles, shift, color=colour, linewidth=2)
-            ends.append(End(name, colour, middles[-1], shift[-1], True))
-        axes.set_xlim(0, times[-1])
-        axes.ticklabel_format(axis="x", style="sci", scilimits=(5, 5))
-        axes.set_ylim(*axes.get_ylim())
-        label_ends(axes, ends, size=9.0)
-    write(figure, path)
+    note = f"Means of the energy error over {PARTS} parts of the run; the largest difference so far."
+    chart(path, [panels], (13.0, 5.6), title, note, bottom=0.11, wspace=0.2)
 
 
 def long_row(scene_name, name, _, error, trend, ok):
@@ -234,7 +228,7 @@ def long(options):
         draw_long(results, DOCS / "long-run.png")
 
 
-PARTS = {
+MEASURED = {
     "free": lambda options: FREE.show(options.write, free_rows(int(options.steps or 1e6))),
     "growth": rounding_growth.measure,
     "cost": rounding_growth.COST,
@@ -244,4 +238,4 @@ PARTS = {
 ARGUMENTS = {"--steps": {"type": float}, "--parts": {"type": Path, "help": "the folder with the runs of growth"}}
 
 if __name__ == "__main__":
-    main(__doc__, PARTS, ARGUMENTS)
+    main(__doc__, MEASURED, ARGUMENTS)

@@ -14,13 +14,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table, in_turn
+from harness import REPORTS, Line, Panel, Table, chart, in_turn
 
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
 from midlie_jax.cli import scenes
-from midlie_jax.cli.figures import heading, new_figure, panel, write
-from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.cli.oracles import free_body
 
 from .free_bodies import free_bodies, spatial_momentum
@@ -205,36 +203,33 @@ COLOURS = {"float64": "#0072B2", "float32": "#D55E00", "float32, compensated": "
 
 def draw(results: list[Growth], path: Path) -> None:
     names = list(dict.fromkeys(growth.case for growth in results))
-    figure = new_figure(16.0, 12.5)
-    heading(
-        figure,
-        "Rounding errors in float64 grow about as the square root of the number of steps",
-        "Brackets: fitted exponents. Dotted: powers 1/2 (random walk) and 1 (bias); for the attitude 3/2.",
-    )
-    figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
-    for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
-        for axes, name in zip(row, names, strict=True):
-            axes.set(xscale="log", yscale="log")
-            panel(axes, name, "number of steps", UNITS[quantity] if name == names[0] else "")
-            ends = []
-            for growth in results:
-                if (growth.case, growth.quantity) != (name, quantity) or not np.any(growth.error > 0):
-                    continue
-                counts, seen = growth.counts, growth.error > 0
-                colour = COLOURS[growth.mode.name]
-                axes.plot(counts[seen], growth.error[seen], color=colour, linewidth=2)
+
+    def of(name: str, quantity: str) -> Panel:
+        lines = list[Line]()
+        for growth in results:
+            if (growth.case, growth.quantity) == (name, quantity) and np.any(growth.error > 0):
+                seen = growth.error > 0
                 label = f"{growth.mode.name.removeprefix('float32, ')} ({growth.exponent:.2f})"
-                ends.append(End(label, colour, counts[seen][-1], growth.error[seen][-1], True))
+                x, y = growth.counts[seen], growth.error[seen]
+                lines.append(Line(label, x, y, COLOURS[growth.mode.name], bold=True, options={"linewidth": 2}))
+        counts = next(growth.counts for growth in results if growth.case == name)
+
+        def powers(axes: Any) -> None:
             low, high = axes.get_ylim()
-            counts = next(growth.counts for growth in results if growth.case == name)
-            axes.set_xlim(counts[0], counts[-1])
             for power in (0.5, 1.0) if quantity != "attitude" else (1.5,):
                 for first in (1e-16, 6e-8):
                     axes.plot(counts, first * (counts / 10) ** power, ":", color="#8a8a8a", linewidth=1, zorder=1)
-            axes.set_ylim(low, min(high, 10))
-            label_ends(axes, ends, size=9.0)
+            axes.set(xlim=(counts[0], counts[-1]), ylim=(low, min(high, 10)))
             axes.set_xticks(10.0 ** np.arange(2, np.log10(counts[-1]) + 0.5, 2))
-    write(figure, str(path))
+
+        up, scales = UNITS[quantity] if name == names[0] else "", {"xscale": "log", "yscale": "log"}
+        return Panel(name, "number of steps", up, lines, scales, powers)
+
+    title = "Rounding errors in float64 grow about as the square root of the number of steps"
+    note = "Brackets: fitted exponents. Dotted: powers 1/2 (random walk) and 1 (bias); for the attitude 3/2."
+    panels = [[of(name, quantity) for name in names] for quantity in UNITS]
+    room = {"bottom": 0.06, "wspace": 0.24, "hspace": 0.36}
+    chart(path, panels, (16.0, 12.5), title, note, **room)
 
 
 def table_rows(results: list[Growth]) -> Iterator[list[str]]:

@@ -6,11 +6,11 @@ program.
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
-from harness import DOCS, Table, by_scene
+from harness import DOCS, Line, Panel, Table, by_scene, chart
 
-from midlie_jax.cli.figures import FAINT, INK, heading, new_figure, panel, write
-from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.cli.figures import FAINT, INK
 
 PICTURE = DOCS / "times-faster.png"
 COLUMNS = {"heyoka": "general / heyoka", "diffrax": "general / diffrax"}
@@ -51,30 +51,27 @@ def _digits(number: float) -> str:
 
 
 def draw() -> None:
-    figure = new_figure(13.0, 5.6)
-    every = measured()
-    spans = {name: [1 / ratio for rows in scenes.values() for _, ratio in rows] for name, scenes in every.items()}
-    faster = [f"{_digits(min(span))} to {_digits(max(span))} times faster than {name}" for name, span in spans.items()]
-    heading(figure, f"midlie_jax is {' and '.join(faster)}", NOTE)
-    figure.subplots_adjust(bottom=0.12, wspace=0.12)
-    for axes, (name, scenes) in zip(figure.subplots(1, 2, sharey=True), every.items(), strict=True):
-        panel(axes, f"Compared with {name}", "error at the end [-]", "times faster [-]")
-        axes.set(xscale="log", yscale="log", xlim=(3e-3, 3e-13), ylim=(0.7, 2000))
+    def more(axes: Any) -> None:
         axes.axhline(1.0, color=FAINT, linewidth=1.2)
         axes.annotate("equal", (2.4e-3, 1.06), color=INK, fontsize=9)
-        ends: list[End] = []
-        for scene, (label, colour, marker) in LOOKS.items():
-            if scene not in scenes:
-                continue
-            errors, ratios = zip(*scenes[scene], strict=True)
-            faster = [1 / ratio for ratio in ratios]
-            axes.plot(errors, faster, color=colour, marker=marker, markersize=5, linewidth=1.8)
-            ends.append(End(label, colour, errors[-1], faster[-1]))
         axes.set_xticks([1e-3, 1e-6, 1e-9, 1e-12], minor=False)
         axes.set_yticks([1, 3, 10, 30, 100, 300, 1000], ["1", "3", "10", "30", "100", "300", "1000"])
-        axes.tick_params(which="both", labelleft=True)
-        label_ends(axes, ends, size=9.0)
-    write(figure, str(PICTURE))
+
+    every, panels = measured(), list[Panel]()
+    spans = {name: [1 / ratio for rows in scenes.values() for _, ratio in rows] for name, scenes in every.items()}
+    faster = [f"{_digits(min(span))} to {_digits(max(span))} times faster than {name}" for name, span in spans.items()]
+    limits: Any = {"xscale": "log", "yscale": "log", "xlim": (3e-3, 3e-13), "ylim": (0.7, 2000)}
+    for name, scenes in every.items():
+        lines = list[Line]()
+        for scene, (label, colour, marker) in LOOKS.items():
+            if scene in scenes:
+                errors, ratios = zip(*scenes[scene], strict=True)
+                options: Any = {"marker": marker, "markersize": 5, "linewidth": 1.8}
+                lines.append(Line(label, errors, [1 / ratio for ratio in ratios], colour, options=options))
+        words = f"Compared with {name}", "error at the end [-]", "times faster [-]"
+        panels.append(Panel(*words, lines, limits, more))
+    title = f"midlie_jax is {' and '.join(faster)}"
+    chart(PICTURE, [panels], (13.0, 5.6), title, NOTE, bottom=0.12, wspace=0.2)
     print(f"wrote {PICTURE.name}")
 
 

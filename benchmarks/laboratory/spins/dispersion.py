@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table
+from harness import REPORTS, Line, Panel, Table, chart
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import write
-from midlie_jax.cli.line_labels import End, label_ends
-from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE
 
 METHODS = "SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "SUBLATTICES[KL6]", "spherical midpoint", "RK4", "GBS12"
 LATTICES = {"chain of 32": (32,), "square of 8 x 8": (8, 8)}
@@ -146,40 +144,22 @@ def peak_rows(found: dict[str, Peaks]) -> Iterator[list[str]]:
 
 def draw(found: dict[str, Peaks], out: Path) -> None:
     """On the left the peaks over the closed form, on the right their errors."""
-    figure = new_figure(9.6, 4.2)
-    left, right = figure.subplots(1, 2)
-    figure.subplots_adjust(left=0.06, right=0.985, top=0.92, bottom=0.13, wspace=0.2)
-    left.set_title("Spin waves: peaks and theory", loc="left", fontsize=11, weight="bold")
-    right.set_title(f"{SEEN[-1]}: at most {found[SEEN[-1]].errors.max():.1e}", loc="left", fontsize=11, weight="bold")
     k = np.linspace(0, math.pi, 200)
-    left.plot(k / math.pi, 2 * EXCHANGE * (1 - np.cos(k)), color=GREY, lw=1.2)
-    words: Any = {"textcoords": "offset points", "fontsize": 9, "color": GREY}
-    left.annotate("2 J (1 - cos k)", (0.5, 2), xytext=(-12, 12), ha="right", **words)
-    ends: list[End] = []
+    peaks, errors = [Line("2 J (1 - cos k)", k / math.pi, 2 * EXCHANGE * (1 - np.cos(k)), GREY)], list[Line]()
     for method, colour, marker in zip(found, (BLUE, GREEN, ORANGE), "xso", strict=False):
-        seen = found[method]
+        seen, options = found[method], {"markersize": 4, "markerfacecolor": "none"}
         half = seen.angles >= 0
-        angles = np.append(seen.angles[half], math.pi) / math.pi
-        values = np.append(seen.found[half], seen.found[0])
-        errors = np.append(seen.errors[half], seen.errors[0])
-        left.plot(angles, values, marker, ms=4, mfc="none", color=colour)
-        right.semilogy(angles[1:], np.maximum(errors[1:], 1e-8), marker, ms=4, mfc="none", color=colour)
-        ends.append(End(method, colour, 1.0, float(values[-1])))
-        at = int(np.argmax(errors))
-        options: Any = words | {"color": colour}
-        right.annotate(
-            method, (angles[at], errors[at]), xytext=(0, 7), ha="right" if angles[at] > 0.8 else "center", **options
-        )
-    left.set_ylabel("frequency [J/ħ]")
-    right.set_ylabel("error of a peak [J/ħ]")
-    for panel in (left, right):
-        panel.set_xlabel("wave number [π / lattice constant]")
-        panel.grid(alpha=0.3, color=GREY)
-        panel.set_xlim(-0.02, 1.03)
-    right.set_ylim(top=10)
-    label_ends(left, ends, size=9.0)
-    left.set_xticks(np.linspace(0, 1, 5))
-    write(figure, str(out))
+        x = np.append(seen.angles[half], math.pi) / math.pi
+        y, wrong = (np.append(values[half], values[0]) for values in (seen.found, seen.errors))
+        peaks.append(Line(method, x, y, colour, marker, options=options))
+        errors.append(Line(method, x[1:], np.maximum(wrong[1:], 1e-8), colour, marker, options=options))
+    across = "wave number [π / lattice constant]"
+    title = f"{SEEN[-1]}: at most {found[SEEN[-1]].errors.max():.1e}"
+    panels = [
+        Panel("Spin waves: peaks and theory", across, "frequency [J/ħ]", peaks),
+        Panel(title, across, "error of a peak [J/ħ]", errors, {"yscale": "log"}),
+    ]
+    chart(out, [panels], (11, 4.2), left=0.06, right=0.985, top=0.92, bottom=0.13, wspace=0.25)
 
 
 STEP_HEADS = (

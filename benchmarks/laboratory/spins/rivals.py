@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table
+from harness import REPORTS, Line, Panel, Table, chart
 
 import midlie_jax as ml
 from midlie_jax.advice.timing import timed_in_turn
-from midlie_jax.cli.figures import write
-from midlie_jax.cli.line_labels import End, label_ends
-from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 
 from . import depondt, random, spirit_runs
 
@@ -135,29 +133,16 @@ _DASHES = {JAX: "-", "Spirit, Depondt": "--", "Spirit, SIB": "-.", "Spirit, RK4"
 
 
 def draw(found: Sequence[Rung], out: Path) -> None:
-    figure = new_figure(8.4, 5.2)
-    panel = figure.subplots()
-    figure.subplots_adjust(left=0.09, right=0.985, top=0.93, bottom=0.1)
-    title = "SUBLATTICES[SRKN6b] and [KL6] reach a given error in the least time"
-    panel.set_title(title, loc="left", fontsize=11, weight="bold")
-    ends: list[End] = []
+    lines = list[Line]()
     for method in dict.fromkeys(rung.method for rung in found):
-        rungs = sorted((rung for rung in found if rung.method == method), key=lambda rung: rung.dt)
-        style: Any = {
-            "color": _COLOURS[method],
-            "linestyle": _DASHES.get(method, "-"),
-            "marker": "o",
-            "markersize": 3.5,
-        }
-        panel.loglog([rung.cost for rung in rungs], [rung.error for rung in rungs], **style)
-        ends.append(End(method, _COLOURS[method], rungs[0].cost, rungs[0].error))
-    costs = [rung.cost for rung in found]
-    panel.set_xlim(min(costs) / 1.3, max(costs) * 1.3)
-    panel.set_xlabel("run time per spin and ħ/J of simulated time, one core, float64 [ns]")
-    panel.set_ylabel("error of a spin, root mean square [-]")
-    panel.grid(alpha=0.3, color=GREY)
-    label_ends(panel, ends, size=9.0)
-    write(figure, str(out))
+        rungs = sorted((rung for rung in found if rung.method == method), key=lambda rung: -rung.dt)
+        x, y = [rung.cost for rung in rungs], [rung.error for rung in rungs]
+        options: Any = {"linestyle": _DASHES.get(method, "-"), "marker": "o", "markersize": 3.5}
+        lines.append(Line(method, x, y, _COLOURS[method], "", options=options))
+    across = "run time per spin and ħ/J of simulated time, one core, float64 [ns]"
+    title = "SUBLATTICES[SRKN6b] and [KL6] reach a given error in the least time"
+    one = Panel(title, across, "error of a spin, root mean square [-]", lines, {"xscale": "log", "yscale": "log"})
+    chart(out, [[one]], (8.4, 5.2), left=0.09, right=0.985, top=0.93, bottom=0.1)
 
 
 TABLE = Table(

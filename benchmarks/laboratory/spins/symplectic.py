@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table
+from harness import REPORTS, Line, Panel, Table, chart
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import write
-from midlie_jax.cli.line_labels import End, label_ends
-from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
 
 from . import random
 
@@ -111,29 +109,24 @@ def rows(found: dict[Case, np.ndarray]) -> Iterator[list[str]]:
 
 def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEPS) -> None:
     """The defect of a step against its length: one spin on the left, four coupled spins on the right."""
-    figure = new_figure(9.6, 4.2)
-    panels = figure.subplots(1, 2, sharey=True)
-    figure.subplots_adjust(left=0.09, right=0.985, top=0.87, bottom=0.13, wspace=0.05)
-    title = "Only the spherical midpoint rule is symplectic"
-    figure.suptitle(title, x=0.09, ha="left", fontsize=12, weight="bold")
     colours = dict(zip(METHODS, (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
-    for panel, system in zip(panels, (ONE, COUPLED), strict=True):
-        ends: list[End] = []
+
+    def lines(system: str) -> Iterator[Line]:
         for case, errors in found.items():
             if case.system == system:
                 solved = np.isfinite(errors[:, 0])
-                x, y = np.asarray(steps)[solved], errors[solved, 0]
-                panel.loglog(x, y, "o-", ms=4, color=colours[case.method])
-                ends.append(End(case.method, colours[case.method], float(x[0]), float(y[0])))
-        panel.set_xlim(steps[-1] / 1.15, steps[0] * 1.15)
-        panel.set_xticks(steps, [f"{h:g}" for h in steps])
-        panel.minorticks_off()
-        panel.set_title(system, loc="left", fontsize=10)
-        panel.set_xlabel("step [ħ/J]")
-        panel.grid(alpha=0.3, color=GREY)
-        label_ends(panel, ends, size=9.0)
-    panels[0].set_ylabel("symplectic defect of one step [-]")
-    write(figure, str(out))
+                x, y = np.asarray(steps)[solved][::-1], errors[solved, 0][::-1]
+                yield Line(case.method, x, y, colours[case.method], "o-", options={"markersize": 4})
+
+    def ticks(axes: Any) -> None:
+        axes.set_xticks(steps, [f"{h:g}" for h in steps])
+        axes.minorticks_off()
+
+    options: Any = {"xscale": "log", "yscale": "log", "xlim": (steps[-1] / 1.15, steps[0] * 1.15)}
+    words = "step [ħ/J]", "symplectic defect of one step [-]"
+    panels = [Panel(system, *words, list(lines(system)), options, ticks) for system in (ONE, COUPLED)]
+    title = "Only the spherical midpoint rule is symplectic"
+    chart(out, [panels], (9.6, 4.4), title, left=0.09, bottom=0.13, wspace=0.2)
 
 
 TABLE = Table(
