@@ -58,25 +58,6 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
-def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
-    found, half = paths(kind, name, dtype), STEPS // 2
-    middle = jax.tree.map(lambda x: jnp.asarray(x[:, half]), found.states)
-    rest = run(kind, name, middle, DT, np.full(len(DT), half))
-    for a, b in zip(jax.tree.leaves(rest.states), jax.tree.leaves(found.states), strict=True):
-        np.testing.assert_array_equal(a[:, half], b[:, -1])
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("kind", "name"), CASES)
-def test_one_alone_moves_as_in_a_batch(kind, name):
-    """Of replicas with times of their own: each as without the others."""
-    alone = quick(partial(integrate, kind, name))(start(kind), jnp.asarray(DT[2]), jnp.asarray(0, jnp.int32))
-    together = at(paths(kind, name, "float64").states, 2)
-    assert gap(alone.states, together) <= 8 * roundings(name) * epsilon("float64")
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_the_momenta_of_all_together_are_kept(kind, name, dtype):
     """Linear and angular, to rounding by every splitting; the others keep them as well as they are accurate.
 
@@ -188,30 +169,6 @@ def test_the_defect_on_the_phase_space_of_two_bodies(name):
     defect = np.abs(matrix.T @ form(after.momentum) @ matrix - form(state.momentum)).max()
     assert (defect < 1e-12) == ml.method(name).symplectic, defect
     assert defect < 1e-2
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("kind", ["five", "two", "two axes"])
-@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
-def test_gradients_are_those_of_differences(kind, adjoint):
-    name = "SYMMETRIC[SRKN6b]" if "axes" in kind else "JACOBI[SRKN6b]"
-
-    def value(field, momentum):
-        state = start(kind)
-        state = type(state)(momentum, *jax.tree.leaves(state)[1:])
-        path = integrate(kind, name, state, jnp.asarray(1 / 16), field=field, steps=16, save_every=16, adjoint=adjoint)
-        return jnp.sum(jnp.sin(jnp.concatenate([leaf[-1].ravel() for leaf in jax.tree.leaves(path.states)])))
-
-    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad
-    field, momentum, h = jnp.asarray(FIELD), start(kind).momentum, 1e-5
-    found = quick(derivative(value, (0, 1)))(field, momentum)
-    run = quick(value)
-    slope = (run(field + h, momentum) - run(field - h, momentum)) / (2 * h)
-    np.testing.assert_allclose(found[0], slope, rtol=1e-6, atol=1e-8)
-    for k in range(2):
-        push = jnp.zeros_like(momentum).at[k, k].set(h)
-        slope = (run(field, momentum + push) - run(field, momentum - push)) / (2 * h)
-        np.testing.assert_allclose(found[1][k, k], slope, rtol=1e-6, atol=1e-8)
 
 
 BATCH = 517

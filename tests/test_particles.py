@@ -263,30 +263,6 @@ def test_one_particle_has_a_column_that_is_a_matrix(name):
         np.testing.assert_allclose(ml.Particles([[1.7]]).momentum(jnp.ones(shape)), jnp.full(shape, 1.7), rtol=1e-15)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", PARTICLE)
-def test_split_batched_and_zero_steps(name):
-    """A split run is the whole to the bit, a batch its runs to rounding, and a step of no length nothing at all."""
-    body = ml.Particles(jnp.asarray(MASS))
-    whole_program, half_program = compiled(name, solo=True), compiled(name, STEPS // 2, 4, True)
-    settings = (jnp.asarray(DT[1]), jnp.asarray(T0))
-    whole = whole_program(body, jnp.asarray(PUSH), jnp.asarray(PLACE), *settings, jnp.int32(0)).states
-    momentum, position = jnp.asarray(PUSH), jnp.asarray(PLACE)
-    for first in (0, STEPS // 2):
-        path = half_program(body, momentum, position, *settings, jnp.int32(first))
-        kept = slice(first, first + STEPS // 2 + 1, 4)
-        np.testing.assert_array_equal(path.states.momentum, whole.momentum[kept])
-        np.testing.assert_array_equal(path.states.position, whole.position[kept])
-        momentum, position = path.states.momentum[-1], path.states.position[-1]
-    batch = chain(name, DT).states
-    slack = 4 * STEPS * epsilon("float64")
-    np.testing.assert_allclose(batch.momentum[1], whole.momentum, atol=slack)
-    np.testing.assert_allclose(batch.position[1], whole.position, atol=slack)
-    still = chain(name, [0.0, 0.0, 0.0, 0.0]).states
-    np.testing.assert_array_equal(still.momentum, np.broadcast_to(PUSH, still.momentum.shape))
-    np.testing.assert_array_equal(still.position, np.broadcast_to(PLACE, still.position.shape))
-
-
 @pytest.mark.sample(0)
 def test_energy_of_a_chain_is_kept_by_symplectic_methods():
     """Kinetic plus FromPotential's energy: constant but for an oscillation of second order."""

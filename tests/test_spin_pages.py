@@ -5,43 +5,6 @@ import math
 import numpy as np
 import pytest
 from laboratory.spins import conservation, dispersion, rivals, skyrmion, symplectic, wall
-from PIL import Image
-
-SMALL = 12
-
-
-def turning(size=SMALL, frames=3):
-    """A skyrmion that is moved along y by a place a frame."""
-    spin = np.asarray(skyrmion.guess(size).spin)
-    return skyrmion.Moved(np.arange(frames) * 10.0, np.stack([np.roll(spin, i, axis=1) for i in range(frames)]))
-
-
-def seen(size=16):
-    angles = 2 * math.pi * np.fft.fftshift(np.fft.fftfreq(size))
-    return dispersion.Peaks(angles, 2.01 * (1 - np.cos(angles)))
-
-
-def rung(method, dt):
-    return rivals.Rung(method, dt, error=dt**2, cost=10 / dt, step_cost=10.0)
-
-
-DRAWN = {
-    "area": lambda out: symplectic.draw({case: np.full((4, 2), 1e-3) for case in symplectic.CASES}, out),
-    "waves": lambda out: dispersion.draw(dict.fromkeys(dispersion.SEEN, seen()), out),
-    "rivals": lambda out: rivals.draw([rung(m, dt) for m, steps in rivals.LADDERS.items() for dt in steps], out),
-    "wall": lambda out: wall.draw([wall.Speed(wall.WALKER * x, x, x) for x in (0.5, 2.0)], out),
-    "skyrmion": lambda out: skyrmion.draw(turning(), out),
-    "animation": lambda out: skyrmion.animate(turning(), out),
-}
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_pictures_are_drawn_and_small(name, tmp_path):
-    out = tmp_path / ("a.gif" if name == "animation" else "a.png")
-    DRAWN[name](out)
-    with Image.open(out) as picture:
-        assert getattr(picture, "n_frames", 1) == (3 if name == "animation" else 1)
-    assert out.stat().st_size < 300_000
 
 
 def test_a_skyrmion_has_charge_minus_one_and_moves_across_the_slope():
@@ -56,12 +19,6 @@ def test_a_peak_is_found_between_the_bins():
     signal = np.hanning(513)[:-1] * np.exp(1j * w * times)
     found = dispersion.peak_of(2 * math.pi * np.fft.fftfreq(512), np.abs(np.fft.fft(signal)))
     assert abs(found - w) < 1e-5
-
-
-def test_the_cost_of_an_error_lies_on_the_line_of_its_neighbours():
-    rungs = [rung("a", dt) for dt in (0.1, 0.2, 0.4)]
-    assert math.isclose(rivals.cost_at(rungs, 0.25**2), 40.0)
-    assert math.isnan(rivals.cost_at(rungs, 1.0))
 
 
 def test_a_wall_is_fastest_at_the_field_of_walker():

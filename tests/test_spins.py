@@ -114,17 +114,6 @@ def test_symmetric_methods_come_back(name, dtype):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", [*METHODS, "SUBLATTICES[BM4]"])
-def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
-    start = random_spins((4, 3), dtype=dtype)
-    whole = run(name, 0.2, everything(dtype), start, 0.05, save_every=STEPS // 2)
-    middle = np.asarray(whole.states.spin[1])
-    half = run(name, 0.2, everything(dtype), middle, 0.05, STEPS // 2, save_every=STEPS // 2, first=STEPS // 2)
-    assert np.array_equal(half.states.spin[-1], whole.states.spin[-1])
-
-
-@pytest.mark.sample(0)
 @pytest.mark.parametrize("labels", [None, ml.checkerboard((4, 4))], ids=["two rows", "masks"])
 @pytest.mark.parametrize("name", ["SUBLATTICES[BAOAB]", *METHODS, *MORE])
 def test_a_step_of_length_zero_is_the_identity(name, labels):
@@ -361,23 +350,6 @@ def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, nam
     assert ends[0].ok
     assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
     assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
-
-
-@pytest.mark.sample(0)
-def test_a_batch_is_what_each_alone_is():
-    starts = jnp.asarray(np.stack([random_spins((4, 2), seed) for seed in range(3)]))
-    torque = ml.torques.Exchange(-1.0) + ml.torques.Anisotropy(0.2)
-
-    def end(spin):
-        return ml.integrate("SUBLATTICES[SRKN6b]", ml.Spins(), torque, ml.SpinState(spin), dt=0.1, steps=20).states.spin
-
-    batch = jax.vmap(end)(starts)
-    many = ml.ensemble(
-        "SUBLATTICES[SRKN6b]", ml.Spins(), torque, ml.SpinState(starts), dt=0.1, steps=20, save_every=None
-    )
-    for i, start in enumerate(starts):
-        assert np.allclose(batch[i], end(start), rtol=0, atol=1e-14)
-        assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
 
 
 PAIR = np.array([1.0, 2.0])

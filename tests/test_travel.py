@@ -74,27 +74,6 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
         assert missed <= 2 * roundings(name) * epsilon(dtype), missed / epsilon(dtype)
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
-def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
-    found, half = paths(kind, name, dtype), STEPS // 2
-    middle = jax.tree.map(lambda x: jnp.asarray(x[:, half]), found.states)
-    rest = run(kind, name, middle, DT, np.full(len(DT), half))
-    for a, b in zip(jax.tree.leaves(rest.states), jax.tree.leaves(found.states), strict=True):
-        if kind == "free tensor":  # whose states are converted to principal axes and back
-            np.testing.assert_allclose(a[:, half], b[:, -1], atol=roundings(name) * epsilon(dtype))
-        else:
-            np.testing.assert_array_equal(a[:, half], b[:, -1])
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("kind", "name"), CASES)
-def test_one_alone_moves_as_in_a_batch(kind, name):
-    alone = quick(partial(integrate, kind, name))(start(kind), jnp.asarray(DT[2]), jnp.asarray(0, jnp.int32))
-    together = at(paths(kind, name, "float64").states, 2)
-    assert gap(alone.states, together) <= 4 * roundings(name) * epsilon("float64")
-
-
 TRAVELLING = [(kind, name) for kind, name in ALL if kind != "axis"]
 FEW_TRAVELLING = [case for case in FEW if case[0] != "axis"]
 TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW_TRAVELLING)]
@@ -239,31 +218,6 @@ def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
     defect = np.abs(matrix.T @ form(after.momentum) @ matrix - form(state.momentum)).max()
     assert (defect < 1e-13) == ml.method(name).symplectic, defect
     assert defect < 1e-2
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("kind", list(KINDS))
-@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
-def test_gradients_are_those_of_differences(kind, adjoint):
-    name = "SYMMETRIC[SRKN6b]" if "axis" in kind else "JACOBI[SRKN6b]"
-
-    def value(weight, momentum):
-        state = start(kind)
-        state = type(state)(momentum, *jax.tree.leaves(state)[1:])
-        path = integrate(
-            kind, name, state, jnp.asarray(1 / 16), weight=weight, steps=16, save_every=16, adjoint=adjoint
-        )
-        return jnp.sum(jnp.sin(jnp.concatenate([leaf[-1] for leaf in jax.tree.leaves(path.states)])))
-
-    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad
-    weight, momentum, h = jnp.asarray(2.0), start(kind).momentum, 1e-5
-    found = quick(derivative(value, (0, 1)))(weight, momentum)
-    run = quick(value)
-    slope = (run(weight + h, momentum) - run(weight - h, momentum)) / (2 * h)
-    np.testing.assert_allclose(found[0], slope, rtol=1e-7, atol=1e-8)
-    for k, push in enumerate(np.eye(3) * h):
-        slope = (run(weight, momentum + push) - run(weight, momentum - push)) / (2 * h)
-        np.testing.assert_allclose(found[1][k], slope, rtol=1e-7, atol=1e-8)
 
 
 @pytest.mark.sample(1)

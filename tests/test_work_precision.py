@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import benchmark
-from laboratory import kinds, ladder, rivals, work_precision
+from laboratory import kinds, rivals, work_precision
 from laboratory import scenes as all_scenes
 from laboratory.kinds import rigid
 from laboratory.kinds.vectors import matrix
@@ -18,7 +18,6 @@ from laboratory.rivals.lie_group import CF4, RKMK4
 
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
-from midlie_jax.advice.timing import Timing
 from midlie_jax.cli import closed_form, convergence, scenes
 from midlie_jax.methods.runge_kutta import DOP853, RK4
 from midlie_jax.methods.system import Motion, System
@@ -250,56 +249,6 @@ def test_heyoka_and_the_reference_agree_with_the_closed_form():
     assert fine.error < 1e-4 * coarse.error < 1e-2
 
 
-@pytest.mark.parametrize(("full_vectors", "count"), [(False, 3), (True, 5)])
-def test_the_variants_of_heyoka(monkeypatch, full_vectors, count):
-    """None twice, none wider than the number of bodies, and 512 bits only where the processor has them."""
-    heyoka = pytest.importorskip("heyoka")
-    monkeypatch.setattr(heyoka_taylor, "vector_width_options", lambda: {"width": 512} if full_vectors else {})
-    many = heyoka_taylor.variants(1024)
-    assert len(set(many)) == len(many) == count
-    assert any(variant.force_avx512 for variant in many) == full_vectors
-    assert any(variant == (heyoka.recommended_simd_size(), False, False) for variant in many)
-    few = heyoka_taylor.variants(2)
-    assert len(set(few)) == len(few)
-    assert {variant.width for variant in few} == {min(2, heyoka.recommended_simd_size())}
-
-
-def test_the_point_of_heyoka_is_its_quickest_variant(monkeypatch):
-    """By made-up times: the third of the variants at the first tolerance. The hopeless one is not built again."""
-    pytest.importorskip("heyoka")
-    given = work_precision.problem("bruls-cardona", bodies=8, judged=2, quick=True)
-    scene = replace(given.scene, duration=0.01)
-    given = given._replace(scene=scene, ends=work_precision._ends(scene, given.states)[0])
-    variants = [heyoka_taylor.Variant(4, False), heyoka_taylor.Variant(4, True), heyoka_taylor.Variant(8, True)]
-    monkeypatch.setattr(heyoka_taylor, "variants", lambda bodies: variants)
-    seconds = iter([[2.0, 9.0, 1.0], [3.0, 4.0]])
-
-    def timed_in_turn(self, runs):
-        times = next(seconds)
-        assert len(runs) == 2 * len(times)  # each variant with and without steps
-        for run in runs:
-            run()
-        return [Timing(time, 0.1) for time in times] + [Timing(0.25 * time, 0.1) for time in times]
-
-    monkeypatch.setattr(problem.Problem, "timed_in_turn", timed_in_turn)
-    first, second = heyoka_taylor.measure(given, (1e-6, 1e-12))
-    assert first.setting == "tol 1e-06, 8 bodies a batch, fast_math"
-    assert second.setting == "tol 1e-12, 8 bodies a batch, fast_math"
-    assert first.seconds == pytest.approx(0.75 * 1.0 / 8)
-    assert second.error < first.error < 1e-5
-
-
-def test_runs_that_are_timed_in_turn_take_turns():
-    given = work_precision.problem("P1", bodies=2, judged=2)._replace(repeats=3)
-    order = []
-    found = given.timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
-    assert order == ["a", "b"] * 3
-    assert len(found) == 2
-    order.clear()
-    given._replace(longest=-1.0).timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
-    assert order == ["a", "b"] * 2
-
-
 def test_mujoco_turns_the_same_top():
     pytest.importorskip("mujoco")
     given = work_precision.problem("P1", bodies=4, judged=4, quick=True)
@@ -317,51 +266,3 @@ def test_a_missing_rival_is_named_with_the_extra(monkeypatch, capsys):
     assert "heyoka and mujoco" in said.err
     assert "pip install 'midlie_jax[bench]'" in said.err
     assert said.out == ""
-
-
-def test_a_rival_that_is_not_installed_says_which_extra_brings_it():
-    with pytest.raises(ImportError, match=r"need nosuchprogram: pip install 'midlie_jax\[bench\]'"):
-        problem.program("nosuchprogram.part")
-
-
-def test_our_points_and_the_note_tell_the_spread_and_a_busy_machine(monkeypatch):
-    monkeypatch.setattr(work_precision.Load, "warning", lambda self: "The machine was busy.")
-    monkeypatch.setattr(work_precision, "RIVALS", ())
-    given = work_precision.problem("P1", bodies=2, judged=2, quick=True)._replace(longest=0.005)
-    monkeypatch.setattr(work_precision, "problem", lambda name, quick: given)
-    monkeypatch.setattr(work_precision, "measure", lambda given, ours, said: (list(ladder.ladder(RK4, given)), []))
-    found = work_precision.compared("P1", ["RK4"])
-    assert found.ours
-    assert all(math.isfinite(point.spread) for point in found.ours)
-    for said in (work_precision.note(found), work_precision.timing_note(found)):
-        assert "medians of processor time" in said
-        assert "spread ±" in said
-        assert said.endswith("The machine was busy.")
-
-
-def test_a_ladder_goes_on_where_steps_are_too_coarse_to_gain(monkeypatch):
-    """Four rungs of an error as large as can be, then order 2 down to rounding, and three rungs there."""
-    errors = [2.4, 2.5, 2.4, 2.6, 1e-2, 1e-6, 2e-14, 2e-14, 2e-14, 2e-14]
-    asked = []
-
-    class FakeProgram:
-        def __init__(self, *given, chunk):
-            pass
-
-        def whole(self, steps):
-            return steps
-
-        def run(self, dt, steps):
-            return ml.RigidState(jnp.zeros((1, 3)), jnp.full((1, 4), 0.5)), True
-
-    def timed(self, run):
-        asked.append(None)
-        return run(), Timing(0.0, 0.0)
-
-    monkeypatch.setattr(ladder, "Program", FakeProgram)
-    monkeypatch.setattr(problem.Problem, "timed", timed)
-    monkeypatch.setattr(problem.Problem, "error", lambda self, ends: errors[len(asked) - 1])
-    scene = scenes.scene("P1", "float64")
-    start = ml.RigidState(jnp.zeros((1, 3)), jnp.eye(1, 4))
-    given = problem.Problem(scene, kinds.kind_of(scene), start, kinds.numbers(start), "", 0.0)
-    assert [point.error for point in ladder.ladder(RK4, given)] == errors[:9]
