@@ -20,7 +20,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from harness import DOCS, main
-from laboratory import didymos, flyby
 from matplotlib.colors import LinearSegmentedColormap
 
 import midlie_jax as ml
@@ -28,6 +27,8 @@ from midlie_jax.cli.figures import INK, PANEL_TITLE, new_figure, panel, write
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 
 jax.config.update("jax_enable_x64", True)
+
+from laboratory import didymos, flyby  # noqa: E402, because they make bodies in float64
 
 TOP, GRAVITY = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])
