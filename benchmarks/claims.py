@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import jax
 from laboratory.claims.command import claims
 
-from midlie_jax.cli.readers import MOST_STEPS, OWN, file, whole
+from midlie_jax.cli.options import MOST_STEPS, OWN, file, whole
 
 jax.config.update("jax_enable_x64", True)
 

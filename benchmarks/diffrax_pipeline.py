@@ -24,7 +24,8 @@ from harness import Table, main
 from scipy.optimize import brentq
 
 import midlie_jax as ml
-from midlie_jax.cli import oracles, scenes
+from midlie_jax.cli import scenes
+from midlie_jax.cli.oracle import exact_motion
 
 jax.config.update("jax_enable_x64", True)
 MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
@@ -163,8 +164,8 @@ def event_rows(dt=0.01):
         return ml.so3.to_matrix(y.attitude)[0, 2]
 
     def exact(t):
-        begun = np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)
-        (momentum,), (attitude,) = oracles.lagrange_top(moments, weight, *begun, [t])
+        begun = scene.start.momentum, scene.start.attitude
+        (momentum,), (attitude,) = exact_motion(moments, *begun, [t], weight=weight)
         return ml.RigidState(jnp.asarray(momentum), jnp.asarray(attitude))
 
     event = diffrax.Event(east, optimistix.Newton(1e-13, 1e-13), direction=False)

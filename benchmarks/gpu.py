@@ -239,7 +239,7 @@ def table(figures: list[Figure]) -> list[str]:
 
 
 def draw(figures: list[Figure], path: Path) -> None:
-    from midlie_jax.cli.line_styles import COOL, DASHED, SOLID, WARM, styles
+    from midlie_jax.cli.figures import COOL, DASHED, SOLID, WARM, styles
 
     def lines(dtype: str) -> Iterator[Line]:
         chosen = [f for f in figures if f.job.dtype == dtype and f.job.form in (OURS, TSIT5, SOLVER)]

@@ -252,8 +252,7 @@ def chart(
     path: Path, rows: Sequence[Sequence[Panel]], size: tuple[float, float], title: str = "", note: str = "", **room: Any
 ) -> None:
     """Writes a PNG of panels in rows; size in inches, `room` as for `subplots_adjust`."""
-    from midlie_jax.cli.figures import heading, new_figure, panel, write
-    from midlie_jax.cli.line_labels import End, label_ends
+    from midlie_jax.cli.figures import End, heading, label_ends, new_figure, panel, write
 
     figure = new_figure(*size)
     if title:
@@ -268,7 +267,7 @@ def chart(
             axes.plot(line.x, line.y, *style, **{"color": line.colour, **line.options})
         one.more(axes)
         named = [line for line in one.lines if line.name]
-        label_ends(axes, [End(line.name, line.colour, line.x[-1], line.y[-1], line.bold) for line in named], size=9.0)
+        label_ends(axes, [End(line.name, line.colour, line.x[-1], line.y[-1], line.bold) for line in named])
     write(figure, str(path))
 
 

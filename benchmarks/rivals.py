@@ -15,8 +15,8 @@ from laboratory.frontier_chart import work_precision_chart
 
 from midlie_jax.advice.timing import cost_clock, one_core
 from midlie_jax.cli import chosen
-from midlie_jax.cli.commands.output import require, show_table
-from midlie_jax.cli.readers import OWN, file
+from midlie_jax.cli.options import OWN, file
+from midlie_jax.cli.tables import require, show_table
 
 jax.config.update("jax_enable_x64", True)
 
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def compare(options: argparse.Namespace) -> None:
     rivals.require()
-    require("matplotlib", "mpmath")
+    require("matplotlib")
     scene, methods = scenes.scene(options.scene), chosen.methods(options.methods or ())
     path = options.out or f"chart-{scene.name}-rivals.png"
     comparison = work_precision.compared(scene, methods or None, quick=options.quick)

@@ -22,7 +22,7 @@ import numpy as np
 import midlie_jax as ml
 from midlie_jax.cli import scenes, stability
 from midlie_jax.cli.figures import panel
-from midlie_jax.cli.stability_chart import stability_figure
+from midlie_jax.cli.stability import stability_figure
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 compass = scenes.scene("compass")

@@ -27,7 +27,7 @@ import pytest
 from cases import benchmark
 from packaged import ROOT
 
-from midlie_jax.cli.parser import read
+from midlie_jax.cli.main import read
 
 PROGRAMS = ("midlie", "pip", "python", "eval")
 PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("index", "start"))]

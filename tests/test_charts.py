@@ -1,4 +1,4 @@
-"""The charts as drawn: no two lines alike, no name under another or under a leader, nothing off the picture."""
+"""The charts as drawn: no two lines alike, every line in the legend, nothing off the picture."""
 
 import itertools
 import math
@@ -15,9 +15,8 @@ from laboratory.frontier_chart import LEGEND, work_precision_figure
 from laboratory.rivals.problem import Point
 from matplotlib.text import Text
 
-from midlie_jax.cli import charts, convergence, line_styles, scenes
-from midlie_jax.cli.commands import run_chart
-from midlie_jax.cli.commands.record import Record
+from midlie_jax.cli import charts, convergence, figures, run_chart, scenes
+from midlie_jax.cli.record import Record
 from midlie_jax.methods.registry import methods_of_figure_1
 
 NOTE = (
@@ -40,7 +39,7 @@ OTHERS_FIRST = [*METHODS[:5], "JACOBI[EA]", "DOP853", "RK4", "DLM[EA]", "LIEMID[
 
 
 def rows(names, bend=0.01, spread=0.02):
-    """Lines that all but coincide at their fine ends, or fan out for a larger `bend`: the hardest to label."""
+    """Lines that all but coincide at their fine ends, or fan out for a larger `bend`."""
     return [
         convergence.Row(
             method=name,
@@ -71,7 +70,7 @@ def frontier_points(scene, bend, orders):
     return ours, points([rival.label for rival in rivals.RIVALS], bend, orders), work_precision.families_of(ours)
 
 
-def figures():
+def kinds_of_chart():
     """Every kind of chart with the largest sets of lines that occur, crowded and spread out."""
     for bend in (0.01, 0.3):
         for label, names in (("convergence", METHODS), ("convergence-others-first", OTHERS_FIRST)):
@@ -91,7 +90,7 @@ def figures():
                 )
 
 
-CHARTS = dict(figures())
+CHARTS = dict(kinds_of_chart())
 
 
 @pytest.fixture(scope="module", params=CHARTS)
@@ -99,16 +98,6 @@ def figure(request):
     made = CHARTS[request.param]()
     made.canvas.draw()
     return made
-
-
-def names_in(panel):
-    """The annotations of a panel: names of lines, and of the guides."""
-    return [text for text in panel.texts if text.get_text()]
-
-
-def box(figure, text):
-    """Of the text alone: an annotation's own extent includes its leader."""
-    return Text.get_window_extent(text, figure.canvas.get_renderer())
 
 
 def lines(panel):
@@ -132,45 +121,45 @@ def test_no_two_lines_look_alike(figure):
 
 
 @pytest.mark.sample(3)
-def test_every_line_is_named_once(figure):
-    """In its panel. On a chart of frontiers, the families are named too, and the right panel has five lines at most."""
-    for panel in figure.axes:
-        texts = names_in(panel) if is_frontier(figure) else [t for t in names_in(panel) if t.arrow_patch is not None]
-        named = sorted(text.get_text() for text in texts if text.get_text() not in FAMILIES)
-        if is_frontier(figure):
-            assert set(FAMILIES) <= {text.get_text() for text in texts}
-            assert named == sorted(line.get_label() for line in lines(panel))
-        else:
-            assert {line.get_label() for line in lines(panel)} == set(named)
+def test_every_line_is_in_the_legend_which_covers_no_panel(figure):
+    """On a chart of frontiers, the families are named too, and the right panel has five lines at most."""
+    (legend,) = figure.legends
+    named = [text.get_text() for text in legend.get_texts()]
+    assert len(set(named)) == len(named)
+    assert {line.get_label() for panel in figure.axes for line in lines(panel)} <= set(named)
     if is_frontier(figure):
+        assert set(FAMILIES) <= set(named)
         assert 0 < len(lines(figure.axes[1])) <= 5
+    box = legend.get_window_extent(figure.canvas.get_renderer())
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert not any(box.overlaps(panel.bbox) for panel in figure.axes)
 
 
-@pytest.mark.sample(3)
-def test_the_frontiers_stand_out_and_their_names_cover_no_line(figure):
+def test_the_frontiers_look_the_same_in_both_panels_and_stand_out():
     """Each is wider than any single line, and each narrower than the one below: where they coincide, all are seen."""
-    if not is_frontier(figure):
-        return
-    for panel in figure.axes:
+    made = CHARTS["frontier-asymmetric-top-0.3-(2, 4, 8)"]()
+    for panel in made.axes:
         bold = [line for line in panel.lines if line not in lines(panel)]
-        assert len(bold) == len(FAMILIES)
-        widths = [line.get_linewidth() for line in sorted(bold, key=lambda line: line.get_zorder())]
+        assert [(line.get_label(), line.get_color()) for line in bold] == [
+            (k, band.colour) for k, band in BANDS.items()
+        ]
+        widths = [line.get_linewidth() for line in bold]
         assert all(below > above + 2 for below, above in itertools.pairwise(widths))
         assert min(widths) > 1.5 * max(line.get_linewidth() for line in lines(panel))
-        for text in names_in(panel):
-            if text.get_text() not in FAMILIES:
-                continue
-            covered = box(figure, text)
-            for line in panel.lines:
-                places = panel.transData.transform(line.get_xydata())
-                assert not any(crosses(segment, covered) for segment in itertools.pairwise(places)), line.get_label()
+
+
+@pytest.mark.parametrize("names", [METHODS[:10], METHODS[6:], ["JACOBI[EA]", "RK4", "GBS12", "SYMMETRIC[EA]"]])
+def test_up_to_ten_lines_have_ten_colours(names):
+    panel = charts.convergence_figure(rows(names), title="", reference="").axes[0]
+    assert len({line.get_color() for line in lines(panel)}) == len(names) <= 10
 
 
 def test_the_families_have_colours_of_ours_each_its_own():
     """So they differ from each other and from the rivals' in every colour vision, as those do."""
     colours = [BANDS[name].colour for name in FAMILIES]
     assert len(set(colours)) == len(FAMILIES)
-    assert set(colours) <= set(line_styles.COOL)
+    assert set(colours) <= set(figures.COOL)
 
 
 @pytest.mark.parametrize(("ours", "others"), [(["DOP853"], []), ([], ["heyoka"]), (["DOP853"], ["heyoka"])])
@@ -178,61 +167,8 @@ def test_a_chart_of_few_lines_is_drawn(ours, others):
     ours, others = points(ours, 0.01), points(others, 0.01)
     figure = work_precision_figure(ours, others, work_precision.families_of(ours), title="", note="")
     figure.canvas.draw()
-    shown = {text.get_text() for panel in figure.axes for text in panel.texts}
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
     assert shown == {p.method for p in ours + others} | (set(FAMILIES[:1]) if ours else set())
-
-
-@pytest.mark.sample(3)
-def test_no_name_overlaps_another_or_leaves_the_picture(figure):
-    for panel in figure.axes:
-        texts = names_in(panel)
-        boxes = [box(figure, text) for text in texts]
-        for one, other in itertools.combinations(boxes, 2):
-            assert not one.overlaps(other)
-        for one in boxes:
-            assert panel.bbox.x0 - 1 <= one.x0
-            assert one.x1 <= panel.bbox.x1 + 1
-            assert panel.bbox.y0 - 1 <= one.y0
-            assert one.y1 <= panel.bbox.y1 + 1
-
-
-def crosses(segment, box) -> bool:
-    """Whether a segment passes through a box: the part of it inside both slabs is not empty."""
-    (x0, y0), (x1, y1) = segment
-    low, high = 0.0, 1.0
-    for start, way, near, far in ((x0, x1 - x0, box.x0, box.x1), (y0, y1 - y0, box.y0, box.y1)):
-        if way == 0:
-            if not near <= start <= far:
-                return False
-            continue
-        one, other = sorted(((near - start) / way, (far - start) / way))
-        low, high = max(low, one), min(high, other)
-    return low < high
-
-
-def test_the_crossing_of_a_box():
-    from matplotlib.transforms import Bbox
-
-    unit = Bbox([[0, 0], [1, 1]])
-    assert crosses(((-1, -1), (2, 2)), unit)
-    assert crosses(((0.5, 5), (0.5, -5)), unit)
-    assert not crosses(((-1, 0.5), (-0.1, 0.5)), unit)
-    assert not crosses(((-1, 0.5), (0.5, 2.1)), unit)
-
-
-@pytest.mark.sample(3)
-def test_no_leader_crosses_a_name(figure):
-    for panel in figure.axes:
-        texts = names_in(panel)
-        boxes = {text: box(figure, text) for text in texts}
-        for text in texts:
-            if text.arrow_patch is None:
-                continue
-            path = text.arrow_patch.get_path().vertices
-            leader = (path[0], path[-1])
-            for other in texts:
-                if other is not text:
-                    assert not crosses(leader, boxes[other]), (text.get_text(), other.get_text())
 
 
 @pytest.mark.sample(1)
@@ -258,10 +194,8 @@ def test_every_scene_title_fits(title):
 
 
 def test_styles_run_out_for_nobody():
-    fixed = {"AKW": line_styles.Style(line_styles.WARM[0], "o", line_styles.DASHED, False)}
-    found = line_styles.styles(
-        ["AKW", *map(str, range(200))], line_styles.WARM, line_styles.DASHED, ours=False, fixed=fixed
-    )
+    fixed = {"AKW": figures.Style(figures.WARM[0], "o", figures.DASHED, False)}
+    found = figures.styles(["AKW", *map(str, range(200))], figures.WARM, figures.DASHED, ours=False, fixed=fixed)
     assert found["AKW"] == fixed["AKW"]
     assert len({(style.colour, style.mark, style.dash) for style in found.values()}) == 201
 
@@ -296,7 +230,7 @@ def lab(colour: str, vision) -> np.ndarray:
 @pytest.mark.parametrize("vision", VISIONS)
 def test_the_colours_differ_in_every_colour_vision(vision):
     """By 15 units of CIELAB and more; 2 are just seen side by side."""
-    seen = [lab(colour, VISIONS[vision]) for colour in (*line_styles.COOL, *line_styles.WARM)]
+    seen = [lab(colour, VISIONS[vision]) for colour in (*figures.COOL, *figures.WARM)]
     assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(seen, 2)) > 15
 
 

@@ -19,10 +19,8 @@ import pytest
 
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
-from midlie_jax.cli import convergence, scenes
-from midlie_jax.cli.commands import output
-from midlie_jax.cli.main import main
-from midlie_jax.cli.parser import read
+from midlie_jax.cli import convergence, scenes, tables
+from midlie_jax.cli.main import main, read
 from midlie_jax.methods.registry import DEFAULT
 
 BROKEN = "SW"
@@ -174,13 +172,13 @@ def test_a_mistake_is_one_line_and_exit_code_2(arguments, words):
 @pytest.mark.parametrize(
     ("package", "arguments"),
     [
-        *((package, ["chart"]) for package in ("matplotlib", "tqdm", "mpmath")),
+        *((package, ["chart"]) for package in ("matplotlib", "tqdm")),
         ("matplotlib", ["run", "P1", "--plot", "x.png"]),
     ],
 )
 def test_a_missing_extra_is_named_before_anything_is_measured(package, arguments, monkeypatch):
-    find_spec = output.find_spec
-    monkeypatch.setattr(output, "find_spec", lambda name: None if name == package else find_spec(name))
+    find_spec = tables.find_spec
+    monkeypatch.setattr(tables, "find_spec", lambda name: None if name == package else find_spec(name))
     outcome = midlie(*arguments)
     assert outcome.code == 2
     assert package in outcome.err
@@ -248,7 +246,7 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     methods = (BROKEN, "LIEMID[EA]", "LIEMID[E1]")
     outcome = midlie("chart", "slow-top", "--out", str(png), "--steps", "64", "--levels", "3", "--methods", *methods)
     assert outcome.code == 0, outcome.out + outcome.err
-    assert "closed form of Lagrange's top" in outcome.out
+    assert "Taylor series in 30 digits" in outcome.out
     assert outcome.err == ""  # no progress bar but on a terminal
     assert re.search(r"Processor time, per body in a batch of 256: medians of (one|[23]) round.* ±\d+%", outcome.out)
     heads = next(line for line in outcome.out.splitlines() if line.startswith("method"))
@@ -297,7 +295,7 @@ def test_reference_of_a_top_about_another_axis():
 def test_extrapolated_reference_is_as_good_as_it_says(monkeypatch):
     scene = scenes.scene("slow-top")
     exact = convergence.find_reference(scene, 1000)
-    monkeypatch.setattr(convergence, "_closed_form", lambda scene: None)
+    monkeypatch.setattr(convergence, "_exact", lambda scene: None)
     found = convergence.find_reference(scene, 1000)
     assert "extrapolation" in found.source
     assert found.uncertainty < 1e-6

@@ -12,7 +12,7 @@ from test_travelling_scenes import midlie
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.cli.water import WATER
+from midlie_jax.cli.moving_scenes import WATER
 from midlie_jax.simulation.saved import saved_path
 
 NAMES = ["binary-asteroid", "dimer", "rod"]
@@ -137,8 +137,8 @@ def test_a_store_says_what_it_holds_and_is_drawn(name, tmp_path):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["rod", "binary-asteroid"])
 def test_a_run_is_drawn(name, tmp_path):
-    from midlie_jax.cli.commands.record import Record
-    from midlie_jax.cli.commands.run_chart import run_figure
+    from midlie_jax.cli.record import Record
+    from midlie_jax.cli.run_chart import run_figure
 
     scene = scenes.scene(name)
     path = ml.integrate(

@@ -46,7 +46,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.cli import oracles
+from midlie_jax.cli.oracle import exact_motion
 
 
 def numbers(state):
@@ -276,7 +276,7 @@ def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     slope, (time, y) = found(ARGS[0], jnp.array(1 / 512))
 
     def x(t, weight):
-        _, (q,) = oracles.lagrange_top(moments, weight, CASE.momentum, CASE.attitude, [t])
+        _, (q,) = exact_motion(moments, CASE.momentum, CASE.attitude, [t], weight=weight)
         return Rotation.from_quat(q, scalar_first=True).as_matrix()[0, 2]
 
     def exact(weight):

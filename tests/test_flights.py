@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from cases import DTYPES, at, epsilon, quick, whole
 from laboratory.claims.structure import canonical
+from laboratory.free_body import free_body
 
 import midlie_jax as ml
 from midlie_jax._math import components as cp
-from midlie_jax.cli.oracles import free_body
 from midlie_jax.methods import flights
 from midlie_jax.model import so3
 

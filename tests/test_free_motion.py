@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, epsilon, quick, real
+from laboratory.free_body import free_body
 
 import midlie_jax as ml
-from midlie_jax.cli.oracles import free_body
 
 ONE = [1.0, 0.0, 0.0, 0.0]
 SPECIAL = {

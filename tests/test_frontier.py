@@ -107,21 +107,26 @@ def test_a_span_hides_no_loss():
     assert frontier.span([math.nan]).startswith("not compared")
 
 
-def test_a_chart_names_rivals_where_times_and_leading_methods_where_evaluations_are_counted():
+def named(axes):
+    return set(axes.get_legend_handles_labels()[1])
+
+
+def test_a_chart_shows_rivals_where_times_and_leading_methods_where_evaluations_are_counted():
     ours = [p for one in work_precision.methods_for(scenes.scene("asymmetric-top")) for p in line(one, 4, 1.0)]
     others = [p for rival in rivals.RIVALS for p in line(rival.label, 4, 1.0)]
     families = work_precision.families_of(ours)
     assert {families[name] for name in ("DLM[KL8]", "JACOBI[EA]")} == {"symplectic"}
     assert families["DOP853"] == "general"
     figure = work_precision_figure(ours, others, families, title="made up", note="of nothing", clock="processor time")
-    by_time, by_evaluations = ({text.get_text() for text in panel.texts} for panel in figure.axes)
+    by_time, by_evaluations = map(named, figure.axes)
     assert by_time == {p.method for p in others} | set(FAMILIES)
     assert set(FAMILIES) < by_evaluations <= {p.method for p in ours} | set(FAMILIES)
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == by_time | by_evaluations
     assert figure.axes[0].get_xlabel().startswith("processor time")
     assert figure.axes[1].get_xlabel().startswith("torque evaluations")
 
 
-def test_the_closed_form_is_in_all_three_families_and_named_where_times_are():
+def test_the_closed_form_is_in_all_three_families_and_shown_where_times_are():
     """It takes no steps, so the panel by steps does not show it, and the bold lines remain those of the methods."""
     names = work_precision.methods_for(scenes.scene("tumbling-brick"))
     assert "free_motion" in names
@@ -134,7 +139,7 @@ def test_the_closed_form_is_in_all_three_families_and_named_where_times_are():
     assert {share.best.method for share in row.families.values()} == {"free_motion"}
     assert frontier.cells(row)[1].startswith("free_motion: 0.001")
     figure = work_precision_figure(ours, line("heyoka", 4, 1.0), families, title="made up", note="of nothing")
-    by_time, by_steps = ({text.get_text() for text in panel.texts} for panel in figure.axes)
+    by_time, by_steps = map(named, figure.axes)
     assert by_time == {"heyoka", "free_motion", *FAMILIES}
     assert set(FAMILIES) < by_steps <= {*names, *FAMILIES} - {"free_motion"}
 

@@ -22,7 +22,6 @@ INFO = f"midlie_jax-{VERSION}.dist-info/"
 TESTED = (
     "plot",
     "progress",
-    "oracle",
     "io",
     "cli",
     "molecules",

@@ -31,7 +31,7 @@ from cases import (
 from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.cli.oracles import lagrange_top
+from midlie_jax.cli.oracle import exact_motion
 from midlie_jax.methods.splitting import Splitting
 
 BODIES, STEPS = 16, 100_000  # bodies for each turn
@@ -171,7 +171,7 @@ def tops(dtype):
     momentum, attitude = rng.normal(size=(BODIES, 3)) * [2, 2, 3], rng.normal(size=(BODIES, 4))
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     starts = [x.astype(dtype) for x in (momentum, attitude)]
-    ends = [lagrange_top(TOP, WEIGHT, p.astype(float), q.astype(float), [TIME]) for p, q in zip(*starts, strict=True)]
+    ends = [exact_motion(TOP, p, q, [TIME], weight=WEIGHT) for p, q in zip(*starts, strict=True)]
     return *starts, np.stack([end[0][0] for end in ends]), np.stack([end[1][0] for end in ends])
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax.cli import scenes
-from midlie_jax.cli.commands import run
-from midlie_jax.cli.commands.record import Record, save
+from midlie_jax.cli import run, scenes
 from midlie_jax.cli.main import main
+from midlie_jax.cli.record import Record, save
 
 
 def midlie_run(*arguments: str) -> str:

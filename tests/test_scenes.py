@@ -18,9 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import half_last_digit, worst
+from laboratory.free_body import free_body
 
 import midlie_jax as ml
-from midlie_jax.cli import oracles, scenes
+from midlie_jax.cli import scenes
+from midlie_jax.cli.oracle import exact_motion
 from midlie_jax.model.torques import on_body
 
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12)
@@ -277,11 +279,8 @@ def test_published_tumbling_brick(time, rates, angles, longitude):
 @pytest.mark.parametrize(("name", "tolerance"), [("slow-top", 2e-8), ("dzhanibekov", 1e-8)])
 def test_unpublished_scenes_match_the_closed_form(name, tolerance):
     (case,) = (cases(group)[name] for group in GROUPS if name in cases(group))
-    given = np.asarray(case.start.momentum), np.asarray(case.start.attitude), [case.duration]
-    if name == "slow-top":
-        momenta, attitudes = oracles.lagrange_top(np.asarray(case.body.moments), float(case.torque.weight), *given)
-    else:
-        momenta, attitudes = oracles.free_body(np.asarray(case.body.moments), *given)
+    given = case.body.moments, case.start.momentum, case.start.attitude, [case.duration]
+    momenta, attitudes = exact_motion(*given, weight=float(case.torque.weight)) if case.torque else free_body(*given)
     assert worst(end(name).momentum, momenta[0]) < tolerance
     assert worst(end(name).rotation, ml.so3.to_matrix(jnp.asarray(attitudes[0]))) < tolerance
 
@@ -439,11 +438,10 @@ def test_a_pulse_is_halved_at_its_switches_however_time_rounds(dtype):
 def test_the_slow_top_falls_and_the_dzhanibekov_body_turns_over():
     times = np.linspace(0, 10, 101)
     top, brick = scenes.scene("slow-top"), scenes.scene("dzhanibekov")
-    start = np.asarray(top.start.momentum), np.asarray(top.start.attitude)
-    _, attitudes = oracles.lagrange_top(np.asarray(top.body.moments), float(top.torque.weight), *start, times)
+    start = top.start.momentum, top.start.attitude
+    _, attitudes = exact_motion(top.body.moments, *start, times, weight=float(top.torque.weight))
     assert ml.so3.to_matrix(jnp.asarray(attitudes))[:, 2, 2].min() < 0
-    start = np.asarray(brick.start.momentum), np.asarray(brick.start.attitude)
-    momenta, _ = oracles.free_body(np.asarray(brick.body.moments), *start, times)
+    momenta, _ = free_body(brick.body.moments, brick.start.momentum, brick.start.attitude, times)
     assert momenta[:, 1].min() < -7.99 < 7.99 < momenta[:, 1].max()
 
 

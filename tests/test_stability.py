@@ -9,7 +9,7 @@ import pytest
 import midlie_jax as ml
 from midlie_jax.cli import scenes, stability
 from midlie_jax.cli.main import main
-from midlie_jax.cli.stability_chart import stability_figure
+from midlie_jax.cli.stability import stability_figure
 
 
 def midlie(*arguments: str) -> tuple[int, str, str]:

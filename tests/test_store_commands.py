@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax._math.euler import euler_angles, matrices_of
-from midlie_jax.cli.commands.store_chart import store_figure
 from midlie_jax.cli.main import main
+from midlie_jax.cli.run_chart import store_figure
 
 pytest.importorskip("zarr")
 SEQUENCES = ["".join(s) for s in itertools.product("XYZ", repeat=3) if s[1] not in (s[0], s[2])]

@@ -1,7 +1,7 @@
 """The chart of error against cost: the frontiers of our three families in bold, beside the rivals and single methods.
 
-The left panel compares our families with other programs, by time. The right panel names the methods that make the
-frontiers, by torque evaluations.
+The left panel compares our families with other programs, by time. The right panel shows the methods that make the
+frontiers, by torque evaluations. One legend names all lines.
 """
 
 import math
@@ -9,13 +9,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from midlie_jax.cli.figures import heading, new_figure, panel, spread_bars, write
-from midlie_jax.cli.line_labels import End, label_ends
-from midlie_jax.cli.line_styles import SOLID, WARM, Style, styles
+from midlie_jax.cli.figures import SOLID, WARM, Style, heading, new_figure, panel, spread_bars, styles, write
 
 from .bands import BANDS
 from .families import FAMILIES, members
-from .family_names import FamilyNames
 from .frontier import best_at, by_method, envelope, frontier
 from .kinds.rigid import RIGID
 from .rivals import RIVALS
@@ -77,7 +74,7 @@ def work_precision_figure(
             "no method gave a finite result, so there is nothing to draw; see the failures printed before."
         )
     heading(figure, title, note)
-    figure.subplots_adjust(bottom=0.08, wspace=0.05)
+    figure.subplots_adjust(bottom=0.08, right=0.855, wspace=0.05)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1.0))
     torque_free = all(math.isnan(p.evaluations) for p in ours)
     what = "steps" if torque_free else "torque evaluations"
@@ -103,14 +100,16 @@ def work_precision_figure(
         edges = {name: frontier(members(useful, families, name), cost) for name in FAMILIES}
         _draw_frontiers(axes, edges)
         if axes is left:  # with the closed form, which the right panel, by steps, does not show
-            closed = [p for p in ours if math.isnan(p.steps)]
-            ends = _draw_lines(axes, closed, our_styles, cost) + _draw_lines(axes, rivals, rival_styles, cost)
+            _draw_lines(axes, [p for p in ours if math.isnan(p.steps)], our_styles, cost)
+            _draw_lines(axes, rivals, rival_styles, cost)
         else:
             leading = _leading(useful or ours, families, edges, cost)
-            ends = _draw_lines(axes, [p for p in ours if p.method in leading], our_styles, cost)
-        names = FamilyNames(axes, edges)
-        label_ends(axes, ends, free=names.room)
-        names.settle()
+            _draw_lines(axes, [p for p in ours if p.method in leading], our_styles, cost)
+    named = {}
+    for axes in (left, right):
+        handles, names = axes.get_legend_handles_labels()
+        named |= dict(zip(names, handles, strict=True))
+    figure.legend(named.values(), named, loc="center right", fontsize=9, frameon=False)
     return figure
 
 
@@ -140,15 +139,16 @@ def _draw_frontiers(axes: Any, edges: Mapping[str, Sequence[tuple[float, float]]
     for order, (name, band) in enumerate(BANDS.items()):
         if edges[name]:
             shape = {"color": band.colour, "linewidth": band.width, "alpha": band.alpha, "zorder": 2.6 + 0.1 * order}
-            axes.plot(*zip(*edges[name], strict=True), solid_capstyle="round", solid_joinstyle="round", **shape)
+            axes.plot(
+                *zip(*edges[name], strict=True), label=name, solid_capstyle="round", solid_joinstyle="round", **shape
+            )
 
 
-def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, Style], cost: str) -> list[End]:
-    """Draws a thin line for each method or program, ours below the frontiers; returns the ends of the lines."""
-    ends: list[End] = []
+def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, Style], cost: str) -> None:
+    """Draws a thin line for each method or program, ours below the frontiers."""
     for name, own in by_method(points).items():
         line = envelope([getattr(p, cost) for p in own], [max(p.error, _LEAST) for p in own])
-        if not line or line[-1][1] > _TOP:  # all of it is above the panel, where no name could point to it
+        if not line or line[-1][1] > _TOP:  # all of it is above the panel
             continue
         style = line_styles[name]
         x, y = zip(*line, strict=True)
@@ -157,5 +157,3 @@ def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, St
         if cost == "seconds" and not style.ours:
             spreads = {(p.seconds, max(p.error, _LEAST)): p.spread for p in own}
             spread_bars(axes, x, y, [spreads[point] for point in line], style.colour)
-        ends.append(End(name, style.colour, x[-1], y[-1]))
-    return ends

@@ -19,9 +19,9 @@ from harness import REPORTS, Line, Panel, Table, chart, in_turn
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
 from midlie_jax.cli import scenes
-from midlie_jax.cli.oracles import free_body
 
 from .free_bodies import free_bodies, spatial_momentum
+from .free_body import free_body
 from .runner import Rows, Runner
 
 BODIES, PER_DECADE = 16, 4

@@ -1,7 +1,7 @@
 """The scenes on which programs are compared: those of the package, and a few whose state is of another kind."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from midlie_jax.cli import chosen, scenes
-from midlie_jax.cli.closed_form import axis_third
 from midlie_jax.cli.scenes import Scene
+from midlie_jax.model import so3
 from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.free_body import FreeBody
 from midlie_jax.model.rotor import Rotor
 from midlie_jax.model.states import AxisState, FreeState
-from midlie_jax.model.torques import PointMass
+from midlie_jax.model.torques import GravityGradient, HeavyTop, PointMass
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +84,32 @@ def perturbed(start: Any, count: int, size: float) -> Any:
     changes = size * np.repeat(norms, counts) * np.random.default_rng(0).standard_normal((count, whole))
     changes[0] = 0
     return jax.vmap(start.plus)(jnp.asarray(changes)).normalised()
+
+
+def axis_third(scene: Scene) -> Scene:
+    """The scene with the axis of symmetry of the body as third axis, as the exact flight of such a body needs.
+
+    If there are several, it is the axis of the torque, otherwise the last. Without one the scene is unchanged.
+    """
+    moments, torque = np.asarray(scene.body.moments), scene.torque
+    own = torque.axis if isinstance(torque, HeavyTop) else (0.0, 0.0, 0.0)
+    axes = [k for k in range(3) if moments[(k + 1) % 3] == moments[(k + 2) % 3]]
+    return renumbered(scene, max(axes, key=lambda k: (abs(own[k]), k), default=2))
+
+
+def renumbered(scene: Scene, third: int) -> Scene:
+    """The scene with this axis of the body as third, by a cyclic change; unchanged if its torque does not allow it."""
+    order, torque = ((third + 1) % 3, (third + 2) % 3, third), scene.torque
+    if third == 2 or not (torque is None or isinstance(torque, HeavyTop | GravityGradient)):
+        return scene
+    pick = jnp.array(order)
+    moments = scene.body.moments[pick]
+    if isinstance(torque, HeavyTop):
+        a, b, c = (torque.axis[i] for i in order)
+        torque = HeavyTop(torque.weight, (a, b, c))
+    elif torque is not None:
+        torque = GravityGradient(moments, torque.orbit, torque.mu)
+    momentum, attitude = scene.start.momentum, scene.start.attitude
+    turn = jnp.array([(0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5)][third], attitude.dtype)  # from new axes to old
+    start = type(scene.start)(momentum[pick], so3.multiply(attitude, turn))
+    return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)

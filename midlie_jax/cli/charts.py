@@ -1,23 +1,51 @@
-"""The chart of errors measured by `convergence`, against step, time and torque evaluations.
+"""`midlie chart`: a table and a chart of errors against step, time and torque evaluations.
 
 `convergence_chart` draws Figure 1 of the paper, the errors of momentum and attitude against the step. Two more panels
 show the attitude error against its cost, in time and in torque evaluations.
 """
 
+import argparse
 import math
+import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from ..plot.labels import apart
+from ..advice.timing import Load, cost_clock, one_core, spread_in_words
+from ..methods.base import Method
+from ..methods.registry import ENTRIES, methods_of_figure_1
+from ..model.bodies import RigidBody
+from ..model.states import AxisState
 from ..plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from . import chosen, convergence
 from .convergence import Row
-from .figures import FAINT, heading, new_figure, panel, spread_bars, write
-from .line_labels import End, label_ends
-from .line_styles import COOL, DASHED, RING, SOLID, WARM, Style, styles
+from .figures import (
+    COOL,
+    DASHED,
+    FAINT,
+    RING,
+    SOLID,
+    WARM,
+    Style,
+    heading,
+    new_figure,
+    panel,
+    spread_bars,
+    styles,
+    write,
+)
+from .scenes import Scene
+from .tables import progress_bar, require, show_table
 
-_GUIDE_SIZE = 8.5  # points
+_OF_OTHER_BODIES = (  # methods measured on translating bodies and on axes, if they support them
+    *("JACOBI[EA]", "SYMMETRIC[EA]", "JACOBI[SRKN6b]", "SYMMETRIC[SRKN6b]", "LIEMID[EA]", "GBS12", "RK4"),
+)
+_HEADS = (
+    *("method", "step", "error Pi", "slope", "error R", "slope", "torque ev."),
+    *("time [s]", "+- [%]", "ns/step", "ok"),
+)
 # The methods of the paper have the same style in every chart. LIEMID[EA*] nearly coincides with LIEMID[EA], so its mark
 # is a ring around the other mark.
 _PAPER = {
@@ -32,6 +60,111 @@ _RIVALS = {
     "SW": Style(VERMILLION, "D", DASHED, False),
     "NMB": Style(PURPLE, "p", DASHED, False),
 }
+
+
+def chart(options: argparse.Namespace) -> None:
+    """Measures on one core, prints the table and draws the chart."""
+    with one_core():
+        _measure_and_draw(options)
+
+
+def _measure_and_draw(options: argparse.Namespace) -> None:
+    require("matplotlib", "tqdm")
+    scene = chosen.scene(options.scene)
+    if scene.start.several:
+        raise ValueError(
+            f"scene {scene.name!r} has {scene.start.count} coupled bodies, and a chart measures one; "
+            f"use midlie run {scene.name} --plot run.png."
+        )
+    methods = chosen.methods(options.methods or (), scene.body) or _usual(scene.body)
+    names = [method.name for method in methods]
+    rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
+    path = options.out or _in_current_folder(f"chart-{scene.name}.png")
+    load, clock = Load(), cost_clock()
+    reference = convergence.find_reference(scene, rungs[-1])
+    title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
+    described = f"{reference.source}, relative uncertainty {reference.uncertainty:.0e}"
+    batch = f"per body in a batch of {convergence.COPIES}"
+    print(f"{title}\nErrors at the end against the {described}.", flush=True)
+    note = _not_figure_1(scene)
+    print(f"{note}\n" if note else "", flush=True)
+    with progress_bar(len(methods) * len(rungs), "run") as bar:
+        bar.set_description(names[0])
+
+        def show_progress(row: convergence.Row) -> None:
+            bar.update()
+            index = names.index(row.method) + (row.steps == rungs[-1])
+            bar.set_description(names[index] if index < len(names) else "further timings")
+
+        rows, rounds = convergence.survey(scene, methods, rungs, reference, show_progress)
+    travels = reference.position is not None
+    show_table(
+        [*_HEADS[:6], *(["error x"] if travels else []), *_HEADS[6:]],
+        [
+            cells
+            for row in rows
+            for cells in ([[]] if row.steps == rungs[0] and row is not rows[0] else []) + [_cells(row, travels)]
+        ],
+    )
+    medians = "medians of one round" if rounds == 1 else f"medians of {rounds} rounds over all methods"
+    spread = f"half the distance between quartiles ({spread_in_words([row.spread for row in rows])})"
+    time_name, warning = clock.name.capitalize(), load.warning()
+    print(f"\n{time_name}, {batch}: {medians}; +-: {spread}.")
+    print(warning, end="\n" if warning else "")
+    convergence_chart(
+        rows,
+        path,
+        title=title,
+        reference=described,
+        clock=f"{time_name}, whole run, {batch}  [s]",
+        timing=f"Times: {medians}; bars: {spread}. {warning}",
+    )
+    print(f"\nwrote {path}")
+
+
+def _usual(body: Any) -> list[Method]:
+    """The methods of the paper and later alternatives; for a translating body or an axis, a few that support it."""
+    if isinstance(body, RigidBody):
+        return methods_of_figure_1()
+    found = list[Method]()
+    for method in (entry.method for entry in ENTRIES.values() if entry.method.name in _OF_OTHER_BODIES):
+        with suppress(ValueError):  # SYMMETRIC rejects moments that are all different
+            found += [method.fitted(body)] if method.moves(body) else []
+    return found
+
+
+def _not_figure_1(scene: Scene) -> str:
+    """A line if this is not the figure of the paper; "" otherwise."""
+    if isinstance(scene.body, RigidBody):
+        return ""
+    what = "the axis" if isinstance(scene.start, AxisState) else "the attitude"
+    body = type(scene.body).__name__
+    return f"Not the paper's Figure 1, which is for rigid bodies without translation: this is a {body}. R is {what}."
+
+
+def _in_current_folder(name: str) -> str:
+    if not os.access(".", os.W_OK):
+        raise ValueError(f"cannot write {name} in this folder: permission denied; give another file with --out.")
+    return name
+
+
+def _cells(row: convergence.Row, travels: bool) -> list[str]:
+    if row.failure:
+        return [row.method, f"{row.dt:.6g}", f"failed: {row.failure}"]
+    return [
+        row.method,
+        f"{row.dt:.6g}",
+        f"{row.momentum_error:.2e}",
+        "" if math.isnan(row.momentum_slope) else f"{row.momentum_slope:.2f}",
+        f"{row.attitude_error:.2e}",
+        "" if math.isnan(row.attitude_slope) else f"{row.attitude_slope:.2f}",
+        *([f"{row.position_error:.2e}"] if travels else []),
+        str(row.evaluations),
+        f"{row.seconds:.2e}",
+        f"{100 * row.spread:.0f}",
+        f"{1e9 * row.seconds / row.steps:.1f}",
+        "yes" if row.ok else "NO",
+    ]
 
 
 def convergence_chart(
@@ -51,20 +184,29 @@ def convergence_figure(
         raise ValueError("no method gave a finite result, so there is nothing to draw; see the table for the reasons.")
     legend = "Bold lines, filled marks: the LIEMID family. Dashed lines, hollow marks: other methods."
     heading(figure, title, f"Errors at the end against the {reference}. {legend} {timing}")
-    figure.subplots_adjust(bottom=0.062, wspace=0.16, hspace=0.27)
-    panels = figure.subplots(2, 2)
-    torque_free = all(row.evaluations == 0 for row in finite)
+    lines = {
+        name: [row for row in finite if row.method == name] for name in dict.fromkeys(row.method for row in finite)
+    }
+    looks, torque_free = _looks(list(lines)), all(row.evaluations == 0 for row in finite)
     momentum, attitude = (lambda row: row.momentum_error), (lambda row: row.attitude_error)
     pi, r = "Error of body momentum  |Π - Π*|  [mass·length²/time]", "Error of attitude  |R - R*|, Frobenius  [-]"
-    effort, effort_label = (lambda row: row.evaluations), "Torque evaluations, whole run  [-]"
+    effort, label, work = (lambda row: row.evaluations), "Torque evaluations, whole run  [-]", "torque evaluations"
     if torque_free:
-        effort, effort_label = (lambda row: row.steps), "Steps, whole run  [-]  (no torque to evaluate)"
-    chart = _Panels(finite)
-    chart.draw(panels[0, 0], _step, momentum, "Step h  [time]", pi, "Body momentum against step", finest="left")
-    chart.draw(panels[1, 0], _step, attitude, "Step h  [time]", r, "Attitude against step", finest="left")
-    chart.draw(panels[0, 1], _seconds, attitude, clock, r, "Attitude against time", finest="right")
-    work = "Attitude against steps" if torque_free else "Attitude against torque evaluations"
-    chart.draw(panels[1, 1], effort, attitude, effort_label, r, work, finest="right")
+        effort, label, work = (lambda row: row.steps), "Steps, whole run  [-]  (no torque to evaluate)", "steps"
+    panels = figure.subplots(2, 2)
+    for axes, x, y, x_label, y_label, name in (
+        (panels[0, 0], _step, momentum, "Step h  [time]", pi, "Body momentum against step"),
+        (panels[1, 0], _step, attitude, "Step h  [time]", r, "Attitude against step"),
+        (panels[0, 1], _seconds, attitude, clock, r, "Attitude against time"),
+        (panels[1, 1], effort, attitude, label, r, f"Attitude against {work}"),
+    ):
+        panel(axes, name, x_label, y_label)
+        _draw(axes, lines, looks, x, y)
+    handles = panels[0, 0].get_legend_handles_labels()
+    columns = min(len(handles[0]), 7)
+    inches = 0.45 + 0.22 * -(-len(handles[0]) // columns)  # of the legend, below the panels
+    figure.legend(*handles, loc="lower center", ncols=columns, fontsize=10, frameon=False)
+    figure.subplots_adjust(bottom=(inches + 0.35) / figure.get_figheight(), wspace=0.16, hspace=0.27)
     return figure
 
 
@@ -76,68 +218,42 @@ def _seconds(row: Row) -> float:
     return row.seconds
 
 
-class _Panels:
-    """Draws several panels from the same rows."""
-
-    def __init__(self, rows: Sequence[Row]):
-        self.lines = {name: [r for r in rows if r.method == name] for name in dict.fromkeys(r.method for r in rows)}
-        family = [name for name in self.lines if name.startswith("LIEMID")]
-        others = [name for name in self.lines if name not in family]
-        self.styles = styles(family, COOL, SOLID, ours=True, fixed=_PAPER)
-        self.styles |= styles(others, WARM, DASHED, ours=False, fixed=_RIVALS)
-
-    def draw(
-        self,
-        axes: Any,
-        across: Callable[[Row], float],
-        error: Callable[[Row], float],
-        x_label: str,
-        y_label: str,
-        title: str,
-        *,
-        finest: str,
-    ) -> None:
-        axes.set(xscale="log", yscale="log")
-        panel(axes, title, x_label, y_label)
-        ends = []
-        for index, (name, rows) in enumerate(self.lines.items()):
-            style = self.styles[name]
-            x = [across(row) for row in rows]
-            # An error of exactly zero has no logarithm, so it is drawn below all rounding errors.
-            y = [max(error(row), 1e-17) for row in rows]
-            shape = style.drawn(2.4, 7.5) if style.ours else style.drawn(1.3, 6.0)
-            axes.plot(x, y, label=name, zorder=(4 if style.ours else 3) - 0.01 * index, **shape)
-            if across is _seconds:
-                spread_bars(axes, x, y, [row.spread for row in rows], style.colour)
-            ends.append(End(name, style.colour, x[-1], y[-1], style.ours))
-        if finest == "left":
-            steps = sorted({across(row) for rows in self.lines.values() for row in rows})
-            axes.set_xticks(steps[:: -(-len(steps) // 8)], labels=[f"{h:g}" for h in steps[:: -(-len(steps) // 8)]])
-            axes.minorticks_off()
-        _limits(axes)
-        label_ends(axes, ends, finest)
-        _guides(axes, finest)
+def _looks(names: Sequence[str]) -> dict[str, Style]:
+    """The style of each line: colours of the LIEMID family are cool and of the others warm, while there are any."""
+    family = [name for name in names if name.startswith("LIEMID")]
+    looks = styles(family, (*COOL, *WARM), SOLID, ours=True, fixed=_PAPER)
+    used = {style.colour for style in looks.values()}
+    left = [colour for colour in (*WARM, *COOL) if colour not in used] or WARM
+    return looks | styles([name for name in names if name not in looks], left, DASHED, ours=False, fixed=_RIVALS)
 
 
-def _limits(axes: Any) -> None:
-    lines = [line for line in axes.lines if len(line.get_xdata())]
-    x = np.log10(np.concatenate([line.get_xdata() for line in lines]))
-    y = np.log10(np.concatenate([line.get_ydata() for line in lines]))
-    width, height = max(np.ptp(x), 0.3), max(np.ptp(y), 1.0)
-    axes.set_xlim(10 ** (x.min() - 0.05 * width), 10 ** (x.max() + 0.05 * width))
-    axes.set_ylim(10 ** (y.min() - 0.08 * height), 10 ** (y.max() + 0.06 * height))
-
-
-def _guides(axes: Any, finest: str) -> None:
+def _draw(
+    axes: Any,
+    lines: dict[str, list[Row]],
+    looks: dict[str, Style],
+    across: Callable[[Row], float],
+    error: Callable[[Row], float],
+) -> None:
+    axes.set(xscale="log", yscale="log")
+    for index, (name, rows) in enumerate(lines.items()):
+        style = looks[name]
+        x = [across(row) for row in rows]
+        # An error of exactly zero has no logarithm, so it is drawn below all rounding errors.
+        y = [max(error(row), 1e-17) for row in rows]
+        shape = style.drawn(2.4, 7.5) if style.ours else style.drawn(1.3, 6.0)
+        axes.plot(x, y, label=name, zorder=(4 if style.ours else 3) - 0.01 * index, **shape)
+        if across is _seconds:
+            spread_bars(axes, x, y, [row.spread for row in rows], style.colour)
+    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+    if across is _step:
+        steps = sorted({across(row) for rows in lines.values() for row in rows})
+        steps = steps[:: -(-len(steps) // 8)]
+        axes.set_xticks(steps, labels=[f"{h:g}" for h in steps])
+        axes.minorticks_off()
+    # Slopes of order 1 and 2, in the corner that the lines leave empty.
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
-    length = min(0.15 * (x1 - x0), 0.14 * (y1 - y0))
-    inset, sign, align = 0.12 * (x1 - x0), (1 if finest == "left" else -1), ("left" if finest == "left" else "right")
-    tip = x1 - inset if finest == "left" else x0 + inset
-    foot, base = tip - sign * length, y0 + 0.045 * (y1 - y0)
-    tops = [base + order * length for order in (1, 2)]
-    unit = axes.bbox.height * 72 / axes.figure.dpi / (y1 - y0)  # points per decade
-    names = apart([top * unit for top in tops], 1.3 * _GUIDE_SIZE, y0 * unit + _GUIDE_SIZE, y1 * unit)
-    for order, top, name in zip((1, 2), tops, names, strict=True):
-        axes.plot([10**foot, 10**tip], [10**base, 10**top], color=FAINT, linewidth=1.2, zorder=2)
-        text = {"xytext": (4 * sign, name - top * unit), "textcoords": "offset points", "ha": align, "va": "center"}
-        axes.annotate(f"order {order}", (10**tip, 10**top), fontsize=_GUIDE_SIZE, color="#5f5f5f", **text)
+    length, base = min(0.5 * (x1 - x0), 0.14 * (y1 - y0)), y0 + 0.03 * (y1 - y0)
+    foot, tip = (x1 - length, x1) if across is _step else (x0 + length, x0)
+    for order, dash in ((1, ":"), (2, "--")):
+        ends = [10**foot, 10**tip], [10**base, 10 ** (base + order * length)]
+        axes.plot(*ends, color=FAINT, linestyle=dash, label=f"order {order}")

@@ -22,10 +22,13 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model import so3
 from ..model.bodies import RigidBody
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
+from ..model.states import AxisState, FreeState, RigidState
+from ..model.torques import HeavyTop, UniformGravity
 from . import chosen
-from .closed_form import Numbering, exact_ends
+from .oracle import DIGITS, exact_motion
 from .scenes import Scene
-from .travelling_end import travelling_end
 
 COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a loop is negligible
 LEVELS = 5  # rungs of the ladder by default
@@ -33,7 +36,9 @@ _TIMINGS = 5  # timings of a rung in the first round
 _ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
 _AGAIN = 3  # timings of a rung in each further round: together more than in the first round
 _COARSEST = {"P1": 500}  # steps on the first rung in the paper's figure; other scenes use twice the step of the scene
-_ROMBERG = 4  # number of extrapolated runs if no closed form is known
+_ROMBERG = 4  # number of extrapolated runs if no exact end is known
+_MOST_RADIANS = 1e4  # of a rotation whose exact end is computed, in about ten seconds
+SOURCE = f"Taylor series in {DIGITS} digits"
 _REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
 _OF_HIGH_ORDER = "GBS12"  # the reference for translating bodies, whose forces may read the velocity, and for axes
 
@@ -149,10 +154,10 @@ def survey(
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
-    """The end of a scene: in closed form if one is known, otherwise by extrapolation."""
-    closed = _closed_form(scene)
-    if closed is not None:
-        return closed
+    """The end of a scene: by Taylor series for a free body or a heavy top, otherwise by extrapolation."""
+    exact = _exact(scene)
+    if exact is not None:
+        return exact
     return _extrapolated(scene, finest) if isinstance(scene.body, RigidBody) else _much_finer(scene, finest)
 
 
@@ -244,20 +249,43 @@ def _slope(coarse: float, fine: float) -> float:
     return math.log2(coarse / fine) if coarse > 0 and fine > 0 else math.nan
 
 
-def _closed_form(scene: Scene) -> Reference | None:
-    if not isinstance(scene.body, RigidBody):
-        end = travelling_end(scene)
-        return end and Reference(np.asarray(end.state.momentum), _pose(end.state), end.source, 1e-14, end.position)
-    numbering = Numbering.of(scene)
-    third = numbering.apply(scene)
-    if third is None:
+def _exact(scene: Scene) -> Reference | None:
+    """The exact end, with a parabola for a body in free fall; an axis moves like that of a body with equal moments."""
+    body, torque, start, position, source = scene.body, scene.torque, scene.start, None, SOURCE
+    if isinstance(body, Rotor) and isinstance(start, AxisState):
+        moments, start = np.full(3, float(body.moment)), start.with_attitude()
+    elif isinstance(body, RigidBody) and isinstance(start, RigidState):
+        moments = np.asarray(body.moments)
+    elif isinstance(body, FreeBody) and isinstance(body.body, RigidBody) and isinstance(start, FreeState):
+        if not (torque is None or isinstance(torque, UniformGravity)):
+            return None
+        t, g = scene.duration, np.zeros(3) if torque is None else np.asarray(torque.acceleration, np.float64)
+        x, p = (np.asarray(v, np.float64) for v in (start.position, start.linear))
+        position, source = x + p / float(body.mass) * t + g * t**2 / 2, f"{SOURCE}, and the parabola"
+        moments, torque, start = np.asarray(body.body.moments), None, start.turning
+    else:
         return None
-    start = np.concatenate([np.asarray(third.start.momentum), np.asarray(third.start.attitude)])
-    ends = exact_ends(third, [start])
+    ends = exact_ends(moments, torque, [start], scene.duration)
     if ends is None:
         return None
-    momentum, attitude = numbering.undo(ends.momenta[0], ends.attitudes[0])
-    return Reference(momentum, _matrix(attitude), ends.source, 1e-14)
+    end = RigidState(*(jnp.asarray(numbers[0]) for numbers in ends))
+    end = AxisState.of(end) if isinstance(body, Rotor) else end
+    return Reference(np.asarray(end.momentum), _pose(end), source, 1e-14, position)
+
+
+def exact_ends(
+    moments: np.ndarray, torque: Any, starts: Sequence[RigidState], duration: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Momenta (n, 3) and attitudes (n, 4) at the end; None if the torque or a very long motion prevents it."""
+    if not (torque is None or isinstance(torque, HeavyTop)):
+        return None
+    weight, axis = (0.0, (0.0, 0.0, 1.0)) if torque is None else (float(torque.weight), torque.axis)
+    fastest = max(float(np.linalg.norm(np.asarray(start.momentum) / moments)) for start in starts)
+    if (fastest + math.sqrt(abs(weight) / np.min(moments))) * abs(duration) > _MOST_RADIANS:
+        return None
+    ends = [exact_motion(moments, s.momentum, s.attitude, [duration], weight=weight, axis=axis) for s in starts]
+    momenta, attitudes = zip(*ends, strict=True)
+    return np.concatenate(momenta), np.concatenate(attitudes)
 
 
 def _extrapolated(scene: Scene, finest: int) -> Reference:

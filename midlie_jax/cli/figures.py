@@ -1,15 +1,20 @@
-"""Shared code of all charts: the heading above the panels, the style of a panel, and a small PNG.
+"""Shared code of all charts: the heading, the style of a panel, of a line and of its name, and a small PNG.
 
-Colours and the empty figure come from `midlie_jax.plot.style`. matplotlib is an optional dependency, imported only when
-a chart is drawn.
+The colours come from Okabe and Ito (Color Universal Design, 2008), with a few dark colours that are equally easy to
+distinguish in any colour vision (`tests/test_charts.py`). Cool colours are for the methods of this package, warm
+colours for others. matplotlib is an optional dependency, imported only when a chart is drawn.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import BytesIO
-from typing import Any
+from itertools import count
+from typing import Any, NamedTuple
 
-from ..plot.style import GREY
+import numpy as np
+
+from ..plot.labels import apart
+from ..plot.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from ..plot.style import new_figure as new_figure
 
 INK, FAINT, GRID = "#222222", GREY, "#e3e3e3"
@@ -18,6 +23,15 @@ _EDGE = 12.0  # points between the heading and the top of the figure
 _TITLE, _NOTE = 15.0, 10.0  # font sizes, points
 PANEL_TITLE = 11.5
 _COLOURS = 256
+COOL = (BLUE, GREEN, SKY, "#1B3A6B", BLACK)
+WARM = (VERMILLION, ORANGE, PURPLE, "#A03060", "#662506")
+_MARKS = ("o", "^", "s", "v", "D", "P", "X", "<", "p", ">", "d", "h", "*")  # 13: coprime to the 5 colours
+SOLID, DASHED = "-", (0, (4, 2))
+_DASHES = ((0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (8, 2, 1, 2, 1, 2)))  # for more lines than colour-mark pairs
+RING = "ring"  # a mark that is visible around another mark
+_MOST_NAMES = 8  # lines with their names beside them; more lines are named in a legend
+_NAME = 9.0  # font size of the names of lines, points
+_GAP, _LEADER = 1.3, 26.0  # between the middles of two names, in font sizes; and from the last end of a line, points
 _CLEAR = 36.0  # points from the heading to the panels: the height of a panel's title and a gap above and below
 
 
@@ -83,3 +97,98 @@ def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Seque
     bars = [(h, a * max(1 - s, 0.01), a * (1 + s)) for a, h, s in zip(x, y, spread, strict=True) if math.isfinite(s)]
     if bars:
         axes.hlines(*zip(*bars, strict=True), color=colour, linewidth=3.0, alpha=0.45, zorder=2.5)
+
+
+class Style(NamedTuple):
+    """Attributes:
+    colour: as in matplotlib.
+    mark: matplotlib's marker, or `RING`.
+    dash: matplotlib's line style.
+    ours: whether marks are filled, for methods of this package, or hollow.
+    """
+
+    colour: str
+    mark: str
+    dash: Any
+    ours: bool
+
+    def drawn(self, width: float, size: float) -> dict[str, Any]:
+        """The arguments of `Axes.plot` for a line; width of the line and size of the marks in points."""
+        line = {"color": self.colour, "linewidth": width, "linestyle": self.dash}
+        if self.mark == RING:
+            return line | {"marker": "o", "markersize": 1.6 * size, "markerfacecolor": "none"}
+        if self.ours:
+            return line | {"marker": self.mark, "markersize": size, "markeredgecolor": "white", "markeredgewidth": 0.6}
+        return line | {"marker": self.mark, "markersize": size, "markerfacecolor": "white", "markeredgewidth": 1.1}
+
+
+def styles(
+    names: Iterable[str], colours: Sequence[str], dash: Any, *, ours: bool, fixed: Mapping[str, Style] | None = None
+) -> dict[str, Style]:
+    """A style for each name, in order; those in `fixed` have the style given there.
+
+    Each line has a colour of its own while there are any; further lines repeat the colours with other marks.
+    """
+    names = list(dict.fromkeys(names))
+    found = {name: fixed[name] for name in names if fixed and name in fixed}
+    taken = {(style.colour, style.mark) for style in found.values()}
+    unused = _unused(colours, dash, taken)
+    return {name: found[name] if name in found else Style(*next(unused), ours) for name in names}
+
+
+def _unused(colours: Sequence[str], dash: Any, taken: set[tuple[str, str]]) -> Iterator[tuple[str, str, Any]]:
+    used = {colour for colour, _ in taken}
+    fresh = list(zip((colour for colour in colours if colour not in used), _MARKS, strict=False))
+    yield from ((*pair, dash) for pair in fresh)
+    for i in count():
+        turn, rest = divmod(i, len(colours) * len(_MARKS))
+        pair = colours[rest % len(colours)], _MARKS[rest % len(_MARKS)]
+        if pair not in taken and (turn or pair not in fresh):
+            yield *pair, dash if turn == 0 else _DASHES[(turn - 1) % len(_DASHES)]
+
+
+class End(NamedTuple):
+    """The end (x, y) of a line, and the colour of its name."""
+
+    name: str
+    colour: str
+    x: float
+    y: float
+    bold: bool = False
+
+
+def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
+    """Widens a panel on one side, and writes the names of at most eight lines there; more lines get a legend.
+
+    The limits of the panel, which must contain all its lines, and its place in the figure must already be final.
+    """
+    if len(ends) > _MOST_NAMES:
+        axes.legend(fontsize=_NAME, frameon=False)
+        return
+    renderer, points = axes.figure.canvas.get_renderer(), 72 / axes.figure.dpi
+    right = side == "right"
+    texts = [
+        axes.annotate(
+            end.name,
+            (end.x, end.y),
+            fontsize=_NAME,
+            color=end.colour,
+            weight="bold" if end.bold else "normal",
+            va="center",
+            ha="left" if right else "right",
+            arrowprops={"arrowstyle": "-", "color": end.colour, "linewidth": 0.7, "relpos": (1.0 - right, 0.5)},
+        )
+        for end in ends
+    ]
+    whole = axes.bbox.width * points
+    width = max((text.get_window_extent(renderer).width * points for text in texts), default=0.0)
+    part = min((width + _LEADER) / whole, 0.8) if texts else 0.0  # at least a fifth of the panel is left to the lines
+    scale = axes.xaxis.get_transform()
+    low, high = scale.transform(np.array(axes.get_xlim()))
+    more = (high - low) * part / (1 - part)
+    axes.set_xlim(*scale.inverted().transform(np.array([low - more * (not right), high + more * right])))
+    heights = [axes.transData.transform((end.x, end.y))[1] * points for end in ends]
+    edges = axes.bbox.y0 * points + _NAME, axes.bbox.y1 * points - _NAME
+    across = 1 - width / whole if right else width / whole
+    for text, height in zip(texts, apart(heights, _GAP * _NAME, *edges), strict=True):
+        text.xyann, text.anncoords = (across, height), ("axes fraction", "figure points")

@@ -4,16 +4,32 @@ Every user error gives one line on stderr and exit code 2; only bugs give a trac
 """
 # PYTHON_ARGCOMPLETE_OK
 
+import argparse
 import os
 import platform
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, NoReturn
 
-from .parser import read
+from . import options
 
 _CACHE_BYTES = 2**28
+# Where the function of each command is, imported only when it runs.
+_ACTIONS = {
+    "chart": "charts",
+    "run": "run",
+    "inspect": "saved",
+    "view": "saved",
+    "export": "saved",
+    "fit": "fit",
+    "stability": "stability",
+    "methods": "tables",
+    "scenes": "tables",
+}
 
 
 def command(arguments: Sequence[str] | None = None) -> int:
@@ -42,21 +58,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code: 0; 2 after a user error, which is printed on stderr; 130 after ctrl-C.
     """
     try:
-        options = read(sys.argv[1:] if arguments is None else arguments)
+        found = read(sys.argv[1:] if arguments is None else arguments)
     except ValueError as error:
         return _failed(str(error))
-    if getattr(options, "devices", None):  # JAX reads this variable when it starts; it affects only the CPU
+    if getattr(found, "devices", None):  # JAX reads this variable when it starts; it affects only the CPU
         flags = os.environ.get("XLA_FLAGS", "")
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={options.devices}".strip()
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={found.devices}".strip()
     try:
-        from .commands import act
-
-        act(options)
+        act(found)
     except KeyboardInterrupt:
         print("midlie: stopped", file=sys.stderr)
         return 130
     except ValueError as error:
-        return _failed(f"{error} (see midlie {options.command} --help)")
+        return _failed(f"{error} (see midlie {found.command} --help)")
     except (ImportError, OSError) as error:
         return _failed(str(error))
     return 0
@@ -65,3 +79,84 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _failed(message: str) -> int:
     print(f"midlie: {' '.join(message.split())}", file=sys.stderr)
     return 2
+
+
+def act(found: argparse.Namespace) -> None:
+    """Runs the command of the parsed options."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including the arrays of scenes
+    getattr(import_module(f".{_ACTIONS[found.command]}", __package__), found.command)(found)
+
+
+class _ShowVersion(argparse.Action):
+    """`--version`, which looks the version up only when the option is used."""
+
+    def __init__(self, *args: Any, **given: Any):
+        super().__init__(*args, nargs=0, help="print the version and exit", **given)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"midlie_jax {version('midlie_jax')}")
+        except PackageNotFoundError:
+            parser.error("midlie_jax is not installed, so its version is unknown; install it with pip")
+        parser.exit()
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises a ValueError for a wrong command line, so that it is printed like every other error."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message} (see {self.prog} --help)")
+
+
+def read(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a line."""
+    parser, commands = _parsers()
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
+        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_ACTIONS))}")
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions; see docs/start.md
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
+    found, rest = parser.parse_known_args(arguments)
+    if rest:
+        # argparse itself would report an unknown option of a subcommand as an error of `midlie`.
+        command = commands[found.command]
+        known = [option for action in command._actions for option in action.option_strings]
+        hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
+        command.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
+    if found.command == "run":
+        store = bool(found.out) and Path(found.out).suffix.lower() == ".zarr"
+        _only_with_store(commands["run"], found, store)
+    return found
+
+
+def _only_with_store(run: argparse.ArgumentParser, found: argparse.Namespace, store: bool) -> None:
+    given = {"--resume": found.resume, "--save-every": found.save_every, "--devices": found.devices}
+    wrong = [name for name, value in given.items() if value and not store]
+    if wrong:
+        run.error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
+
+
+def _choice(name: str, known: Sequence[str]) -> str:
+    close = get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"choose from {', '.join(known)}"
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
+    parser.add_argument("--version", action=_ShowVersion)
+    commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    options.chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
+    options.run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
+    options.inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
+    options.view(commands.add_parser("view", help="turn a saved run into a moving picture: HTML or GIF"))
+    options.export(commands.add_parser("export", help="write the attitudes of one body of a saved run as CSV"))
+    options.fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
+    options.stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
+    options.names(commands.add_parser("methods", help="list the methods"), "any FLIGHT[SCHEME]; by default all methods")
+    options.names(commands.add_parser("scenes", help="list the scenes"), "by default a line on each scene")
+    return parser, dict(commands.choices)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from midlie_jax._xla.platform import cores
 from midlie_jax.cli import chosen
-from midlie_jax.cli.commands.output import progress_bar, require, show_table
+from midlie_jax.cli.tables import progress_bar, require, show_table
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.flights import FLIGHTS
 from midlie_jax.methods.registry import ENTRIES
@@ -28,7 +28,7 @@ _DRAWN = (*PUBLISHED_DRIFTS, "LIEMID[I]", "SLIEMID[EA]", RK4.name)
 
 def claims(options: argparse.Namespace) -> None:
     """Measures, prints, and writes what was asked for."""
-    require("tqdm", "mpmath", *(["matplotlib"] if options.out else []))
+    require("tqdm", *(["matplotlib"] if options.out else []))
     methods = _methods(options)
     bench = Bench(options.steps) if options.steps else Bench()
     found = _measured(bench, methods)

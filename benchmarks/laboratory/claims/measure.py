@@ -16,7 +16,7 @@ import numpy as np
 
 from midlie_jax.advice.program import Program
 from midlie_jax.cli import chosen
-from midlie_jax.cli.oracles import lagrange_top
+from midlie_jax.cli.oracle import exact_motion
 from midlie_jax.cli.scenes import perturbed, scene
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.registry import method as find_method
@@ -100,7 +100,7 @@ class Bench:
         self._p1 = perturbed(p1, ROWS, 1e-3, seed=0)
         self._p1_dt = p1.duration / _P1_STEPS
         motions = [
-            lagrange_top(np.asarray(p1.body.moments), 20.0, np.asarray(p), np.asarray(q), [p1.duration])
+            exact_motion(p1.body.moments, p, q, [p1.duration], weight=20.0)
             for p, q in zip(self._p1.momentum, self._p1.attitude, strict=True)
         ]
         momenta, attitudes = (np.concatenate(part) for part in zip(*motions, strict=True))

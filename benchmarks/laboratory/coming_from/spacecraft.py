@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from midlie_jax.cli.oracles import free_body
-
+from ..free_body import free_body
 from . import tables
 from .alone import parts, run
 from .compare import Row, both, changed, error, errors, gap, row, times

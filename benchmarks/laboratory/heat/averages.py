@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from harness import REPORTS, Table, in_turn
 
-from midlie_jax.cli.figures import write
-from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.cli.figures import End, label_ends, write
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, new_figure
 
 from . import diffrax_sde, dipole
@@ -236,7 +235,7 @@ def draw(found: Sequence[Rung], out: Path) -> None:
         steps.set_title(f"μB/kT = {x:g}", loc="left", fontsize=10)
         steps.set_xlabel("step [1/rate]")
         times.set_xlabel("run time per body and 1/rate of simulated time [ns]")
-        label_ends(steps, [_end(lines[-1]) for method, lines in by_step.items() if method != "EulerHeun"], size=_SIZE)
+        label_ends(steps, [_end(lines[-1]) for method, lines in by_step.items() if method != "EulerHeun"])
         _write_name(steps, by_step["EulerHeun"][-1], (0, 9), "center")
         for method, lines in by_time.items():
             theirs = method in THEIRS

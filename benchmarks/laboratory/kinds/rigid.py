@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from midlie_jax.cli.closed_form import exact_ends
+from midlie_jax.cli.convergence import SOURCE, exact_ends
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.model import torques
 from midlie_jax.model.orbits import KeplerOrbit
+from midlie_jax.model.states import RigidState
 
 from .kind import Kind
 from .vectors import Vector, cross, matrices, rows, turning
@@ -138,9 +139,10 @@ def errors(ends: np.ndarray, exact: np.ndarray) -> np.ndarray:
 
 
 def exact(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """The ends of a free body and of Lagrange's top."""
-    ends = exact_ends(scene, states)
-    return None if ends is None else (np.concatenate([ends.momenta, ends.attitudes], axis=1), ends.source)
+    """The ends of a free body and of a heavy top."""
+    starts = [RigidState(state[:3], state[3:]) for state in states]
+    ends = exact_ends(np.asarray(scene.body.moments), scene.torque, starts, scene.duration)
+    return None if ends is None else (np.concatenate(ends, axis=1), SOURCE)
 
 
 RIGID = Kind(rates, errors, "the attitude, |R - R*| in the Frobenius norm", exact)

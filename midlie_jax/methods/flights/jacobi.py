@@ -26,7 +26,7 @@ common factor. The normalisation of the quaternion removes it.
 C. G. J. Jacobi, J. reine angew. Math. 39 (1850) 293; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145;
 E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084. These papers evaluate the
 elliptic functions anew at each time. The rational step was derived for this package; the tests compare it with
-`oracles.free_body`.
+a closed form in many digits.
 """
 
 from typing import Any, ClassVar

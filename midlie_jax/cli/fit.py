@@ -1,21 +1,32 @@
-"""`midlie fit`: moments of inertia and initial rates of a free body from its instruments, in one file or two."""
+"""`midlie fit`: moments of inertia and initial rates of a free body from its instruments, in one file or two.
+
+The guess comes from the measured rates alone, without a run: Euler's equations, integrated over windows.
+I (Omega(t + w) - Omega(t)) = integral of (I Omega) x Omega from t to t + w, for all windows of one length w, is a small
+least-squares problem in the ratios of the moments and, if requested, the bias. No motion is integrated, so the distant
+minima of a fit of the whole motion do not occur.
+"""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from scipy.interpolate import CubicSpline  # SciPy comes with JAX
+from scipy.ndimage import median_filter
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
-from ...fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
-from ...fitting import fit as run_fit
-from ...fitting.noise import Doubt
-from ...model.bodies import RigidBody
-from ...model.states import DirectionState, MomentumState
+from ..fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
+from ..fitting import fit as run_fit
+from ..fitting.noise import Doubt
+from ..model.bodies import RigidBody
+from ..model.states import DirectionState, MomentumState
+from ..plot.style import BLUE, GREEN, VERMILLION
+from .figures import heading, new_figure, panel, write
 from .fit_data import UNITS_OF_RATE, UNITS_OF_TIME, Columns, Field, FieldColumns, Table, read, read_field
-from .fit_flight import check_flight
-from .fit_guess import ORDERS, Guess, guess, turned_back
-from .output import require
+from .tables import require
 
 _TURN = 0.5  # largest rotation per step, radians
 _MOST_TURNS = 0.5  # rotations between two rows; above, the rates at the rows do not determine the motion between them
@@ -23,6 +34,16 @@ _MOST_STEPS = 1_000_000  # about one second for each evaluation by the optimiser
 _FIRST = 6.0  # rotation of the body in the span that is fitted first, radians
 _BEFORE = 1.0  # the largest rotation of the body before the first row of the gyroscope, radians
 _UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
+_NEEDS_FIELD = ("magnetometer_sigma", "hard_iron", "magnetometer_data")
+_NEEDS_FILE = ("magnetometer_time", "magnetometer_time_unit", "magnetometer_clock")
+_FACTOR = 20.0  # between the largest and the smallest speed; for a free body at most the ratio of its moments
+_ROWS = 9  # of the running median, which ignores single wrong rows
+_SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
+_ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
+_TOTAL = 5.5  # the sum of the moments
+_WINDOW = 1.0  # rotation of the body per window, radians
+_FINE = 0.05  # radians between two points of an integral
+_MOST_POINTS = 200_000
 
 
 class Problem(NamedTuple):
@@ -45,6 +66,13 @@ class Problem(NamedTuple):
     table: Table
     field: Field | None
     begin: float
+
+
+class Guess(NamedTuple):
+    """Moments (3,) with the sum 5.5, and the bias (3,), zero unless it was requested."""
+
+    moments: np.ndarray
+    bias: np.ndarray
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -73,10 +101,6 @@ def _whole(options: argparse.Namespace) -> bool:
     return options.first is None and options.last is None
 
 
-_NEEDS_FIELD = ("magnetometer_sigma", "hard_iron", "magnetometer_data")
-_NEEDS_FILE = ("magnetometer_time", "magnetometer_time_unit", "magnetometer_clock")
-
-
 def _check_options(options: argparse.Namespace) -> None:
     if options.magnetometer and not (options.sigma and options.magnetometer_sigma):
         raise ValueError("with --magnetometer, give --sigma and --magnetometer-sigma, their relative weights.")
@@ -102,7 +126,7 @@ def _problem(options: argparse.Namespace) -> Problem:
         raise ValueError(f"--from must be before --to, got {options.first:g} and {options.last:g}.")
     columns = Columns(options.columns, among, options.unit, options.time_unit, options.first, options.last)
     table, field = read(options.data, columns)
-    check_flight(options.data, table, UNITS_OF_TIME[options.time_unit or "s"], options.moments)
+    _check_flight(options.data, table, UNITS_OF_TIME[options.time_unit or "s"], options.moments)
     if own:
         columns = FieldColumns(options.magnetometer_time, options.magnetometer, options.magnetometer_time_unit)
         field = _within(options, read_field(own, columns))
@@ -199,11 +223,11 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
 def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
     """The best fit from the given moments or a guess by the rates; if doubtful, also from all six permutations."""
     table = problem.table
-    near = guess(table.times - table.times[0], table.rates, problem.bias)
+    near = _guess(table.times - table.times[0], table.rates, problem.bias)
     first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
     if moments or (first.ok and not first.doubts):
         return first
-    others = [_from(problem, near._replace(moments=np.array(order))) for order in ORDERS]
+    others = [_from(problem, near._replace(moments=np.array(order))) for order in _ORDERS]
     return min([first, *others], key=lambda result: (not result.ok, result.rms))
 
 
@@ -220,7 +244,7 @@ def _from(problem: Problem, near: Guess) -> Fit:
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
         iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
-        first = turned_back(problem.table, near.bias, complete[0] - iron, problem.begin, field.times[whole][0])
+        first = _turned_back(problem.table, near.bias, complete[0] - iron, problem.begin, field.times[whole][0])
         start["field"] = UnitVector(first / np.linalg.norm(first))
         if problem.iron:
             start["iron"] = Free(iron)
@@ -261,14 +285,12 @@ def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
 
 
 def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
-    from .fit_chart import fit_chart
-
     table, moments = problem.table, np.asarray(result.values["moments"])
     body, _, start = _model(result.values)
     times = np.linspace(table.times[0] - problem.begin, table.times[-1] - problem.begin, 1000)
     curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.options["dt"])
     curves = np.asarray(curve.states.momentum) / moments + np.asarray(result.values.get("bias", np.zeros(3)))
-    fit_chart(
+    _write_chart(
         Path(options.data).name,
         table.times,
         table.rates,
@@ -279,3 +301,121 @@ def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
         options.out,
     )
     print(f"wrote {options.out}")
+
+
+def _check_flight(path: str, table: Table, unit: float, moments: Sequence[float] | None) -> None:
+    """Raises if the speed changes more than for a free body, because the body was held in a part of the record."""
+    complete = np.all(np.isfinite(table.rates), axis=1)
+    if complete.sum() < _ROWS:
+        return
+    times, speeds = table.times[complete] / unit, np.linalg.norm(table.rates[complete], axis=1)
+    smooth = median_filter(speeds, _ROWS, mode="nearest")
+    allowed = _FACTOR if moments is None else max(_FACTOR, 2 * max(moments) / min(moments))
+    slow, fast = float(np.percentile(smooth, _SLOW)), int(np.argmax(smooth))
+    if smooth[fast] <= allowed * slow:
+        return
+    below = np.flatnonzero(smooth < smooth[fast] / 2)
+    first, last = below[below < fast].max(initial=-1) + 1, below[below > fast].min(initial=len(times)) - 1
+    raise ValueError(
+        f"{path}: the speed goes from {slow:.3g} to {smooth[fast]:.3g} rad/s, at t = "
+        f"{times[fast]:g}, too much for a free body: the file holds more than a free flight. Give "
+        "the first and the last time of the flight by --from and --to; the speed is above half "
+        f"of its largest from t = {times[first]:g} to {times[last]:g}."
+    )
+
+
+def _guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
+    """The best solution of the window equations, from starts with all six permutations of the moments.
+
+    Args:
+        times, rates: (n,) and (n, 3), seconds and rad/s; rows with a NaN are left out.
+        bias: whether the bias of the rates is also estimated.
+    """
+    times, first = np.unique(times[np.all(np.isfinite(rates), axis=1)], return_index=True)
+    rates = rates[np.all(np.isfinite(rates), axis=1)][first]
+    if len(times) < 3:
+        return Guess(np.array(_ORDERS[0]), np.zeros(3))
+    changes, products, linear, spans = _windows(times, rates)
+    size = np.sqrt(np.mean(rates**2))
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        moments, b = _moments(x[:2]), (x[2:] if bias else np.zeros(3))
+        # The integrals of the products of rates minus the bias.
+        mixed = np.roll(linear, -1, 1) * np.roll(b, -2) + np.roll(linear, -2, 1) * np.roll(b, -1)
+        without = products - mixed + spans[:, None] * np.roll(b, -1) * np.roll(b, -2)
+        slopes = (np.roll(moments, -1) - np.roll(moments, -2)) / moments
+        return ((changes - slopes * without) / size).ravel()
+
+    found: list[tuple[float, np.ndarray]] = []
+    for order in _ORDERS:
+        second = np.log(_TOTAL / 2 - np.array(order))
+        start = np.concatenate([second[:2] - second[2], np.zeros(3 * bias)])
+        scale = np.concatenate([np.ones(2), np.full(3 * bias, size)])
+        solution = least_squares(residuals, start, x_scale=scale, loss="soft_l1", f_scale=0.1, max_nfev=200)
+        found.append((solution.cost, solution.x))
+    best = min(found, key=lambda one: one[0])[1]
+    return Guess(_moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3))
+
+
+def _turned_back(table: Table, bias: np.ndarray, vector: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """A space-fixed vector, (3,), in the body frame at `begin`, from its components at `end`.
+
+    The body rotates with the measured rates between the rows, and before the first row with its rate.
+    """
+    known = np.all(np.isfinite(table.rates), axis=1)
+    rates = table.rates[known] - bias
+    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
+    middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
+    turns = np.stack([np.interp(middles, table.times[known], rates[:, i]) for i in range(3)], axis=1)
+    for turn in Rotation.from_rotvec(turns[::-1] * (end - begin) / count):
+        vector = turn.apply(vector)
+    return vector
+
+
+def _moments(logs: np.ndarray) -> np.ndarray:
+    """Moments with the sum 5.5 from log(a/c) and log(b/c), as in `midlie_jax.fitting.Moments`."""
+    second = np.exp(np.append(logs, 0.0))
+    second = second * (_TOTAL / 2 / second.sum())
+    return second.sum() - second
+
+
+def _windows(times: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """For each window: the change of the rates, the integrals of their products, their integrals, and the length."""
+    fastest = np.max(np.linalg.norm(rates, axis=1))
+    count = int(np.clip((times[-1] - times[0]) * fastest / _FINE, 4 * len(times), _MOST_POINTS))
+    fine = np.linspace(times[0], times[-1], count)
+    values = CubicSpline(times, rates)(fine)
+    products = np.roll(values, -1, 1) * np.roll(values, -2, 1)
+    h = fine[1] - fine[0]
+    of_products, of_rates = (
+        np.vstack([np.zeros(3), np.cumsum((x[1:] + x[:-1]) * h / 2, axis=0)]) for x in (products, values)
+    )
+    width = int(np.clip(_WINDOW / fastest / h, 1, count // 3))
+    first = np.arange(0, count - width, max(1, width // 8))
+    last = first + width
+    changes = values[last] - values[first]
+    return changes, of_products[last] - of_products[first], of_rates[last] - of_rates[first], fine[last] - fine[first]
+
+
+def _write_chart(
+    name: str,
+    times: np.ndarray,
+    rates: np.ndarray,
+    curve_times: np.ndarray,
+    curves: np.ndarray,
+    residuals: np.ndarray,
+    unit: str,
+    path: str,
+) -> None:
+    """Writes a PNG of a fit: rates (n, 3) in rad/s, NaN where missing; residuals (n, 3), model minus measurement."""
+    figure = new_figure(11.0, 8.0)
+    heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    panel(above, "Angular velocity about the principal axes", "", "Ω  [rad/s]")
+    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
+    for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
+        above.plot(curve_times, curves[:, i], color=colour, linewidth=1.2, label=f"Ω{i + 1}")
+        above.plot(times, rates[:, i], ".", color=colour, markersize=4)
+        below.plot(times, residuals[:, i], ".", color=colour, markersize=4)
+    above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    write(figure, path)

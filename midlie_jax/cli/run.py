@@ -10,21 +10,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._xla.platform import cores
-from ...advice.check import check
-from ...advice.timing import Load, Timing, timed, user_clock
-from ...advice.trials import MOST_STEPS
-from ...drivers.integrate import integrate
-from ...drivers.path import Path
-from ...methods.base import Method
-from ...model.states import AxisState
-from ...plot.style import FEW
-from .. import chosen, scenes
-from ..scenes import Scene
-from ..travel_changes import in_words
-from .long_run import long_run
-from .output import require
-from .record import Record, save
+from .._xla.platform import cores
+from ..advice.check import check
+from ..advice.timing import Load, Timing, timed, user_clock
+from ..advice.trials import MOST_STEPS
+from ..drivers.integrate import integrate
+from ..drivers.path import Path
+from ..methods.base import Method
+from ..model.states import AxisState
+from ..plot.style import FEW
+from ..simulation.simulate import simulate
+from ..simulation.summary import inspect
+from . import chosen, scenes
+from .record import SCENE, Record, save
+from .scenes import Scene
+from .tables import require
 
 _FEW, _MANY = 200, 2000  # largest number of saved states per body: for the errors alone, and for a file or a chart
 _MOST_NUMBERS = 2**25  # largest number of saved numbers of all bodies: 256 MiB in float64
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
     checked = check(method, scene.body, scene.torque, few, **trial).parts_of(steps)
     if options.out and options.out.lower().endswith(".zarr"):
         print(*(f"{name}: {value}" for name, value in checked), sep="\n")
-        long_run(options, method, scene, dt, steps, start)
+        _long_run(options, method, scene, dt, steps, start)
         return
     every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
     load = Load()
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
         save(record, options.out)
         print(f"wrote {options.out}")
     if options.plot:
-        from .run_chart import run_chart
+        from .run_chart import run_chart  # needs matplotlib only when it draws
 
         run_chart(record, options.plot)
         print(f"wrote {options.plot}")
@@ -170,9 +170,51 @@ def _end(record: Record) -> list[tuple[str, str]]:
     if record.travel and record.several:
         places = record.travel[-1][0, -1]
         shown = sorted({0, *(range(len(places)) if len(places) <= FEW else ()), len(places) - 1})
-        return [(f"place of body {i} at the end", in_words(places[i])) for i in shown]
+        return [(f"place of body {i} at the end", _in_words(places[i])) for i in shown]
     if record.travel:
-        return [("place at the end", in_words(record.travel[-1][0, -1]))]
+        return [("place at the end", _in_words(record.travel[-1][0, -1]))]
     if isinstance(record.scene.start, AxisState):
-        return [("axis at the end", in_words(record.attitudes[0, -1]))]
+        return [("axis at the end", _in_words(record.attitudes[0, -1]))]
     return []
+
+
+def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
+    """Runs the scene into a store, or resumes the run there, and prints the summary."""
+    devices = jax.devices()[: options.devices] if options.devices else []
+    if options.devices and len(devices) < options.devices:
+        raise ValueError(f"there are {len(devices)} devices, but --devices requires {options.devices}.")
+    values = (scene.name, options.size, options.seed)
+    result = simulate(
+        method,
+        scene.body,
+        scene.torque,
+        start,
+        out=options.out,
+        dt=dt,
+        steps=steps,
+        save_every=options.save_every or _interval(steps),
+        torque_axes=None,  # all copies are in one field
+        resume=options.resume,
+        mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
+        attributes={
+            "title": f"{scene.name}: {scene.title}",
+            "method_from": chosen.origin(options.method),
+            **dict(zip(SCENE, values, strict=True)),
+        },
+    )
+    print(result)
+    if options.plot:
+        from .saved import draw
+
+        draw(inspect(options.out), options.plot)
+    else:
+        print(f"look at it with: midlie inspect {options.out}")
+
+
+def _interval(steps: int) -> int:
+    """The least divisor of the number of steps that divides the run into at most 100 intervals."""
+    return next(steps // count for count in range(100, 0, -1) if steps % count == 0)
+
+
+def _in_words(vector: Any) -> str:
+    return ", ".join(f"{x:.6g}" for x in np.asarray(jnp.ravel(vector), np.float64))

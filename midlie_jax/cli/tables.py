@@ -1,26 +1,71 @@
-"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes, or of the named ones."""
+"""Tables on the terminal, `midlie methods` and `midlie scenes`; a progress bar and an early error about packages."""
 
 import argparse
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
-from ...methods.base import Method
-from ...methods.flights import FLIGHTS
-from ...methods.registry import DEFAULT, ENTRIES
-from ...methods.schemes import SCHEMES
-from ...model.free_body import FreeBody
-from ...model.rotor import Rotor
-from ...model.torques import Sum
-from .. import chosen
-from .. import scenes as all_scenes
-from ..scenes import Scene
-from .output import show_table
+from ..methods.base import Method
+from ..methods.flights import FLIGHTS
+from ..methods.registry import DEFAULT, ENTRIES
+from ..methods.schemes import SCHEMES
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
+from ..model.torques import Sum
+from . import chosen
+from . import scenes as all_scenes
+from .scenes import Scene
 
 _MOST_NUMBERS = 12  # largest number of printed entries of an array
 _HEADS = ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"]
+
+
+def require(*packages: str) -> None:
+    """Checks that packages are installed, before minutes of measurements."""
+    missing = [name for name in packages if find_spec(name) is None]
+    if missing:
+        raise ImportError(f"this command needs {' and '.join(missing)}: pip install 'midlie_jax[cli]'.")
+
+
+def progress_bar(total: int, unit: str) -> Any:
+    """A bar for `total` units of work, which is erased at the end; nothing is shown without a terminal."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit=unit, mininterval=0.5, dynamic_ncols=True, leave=False, disable=None)
+
+
+def show_table(heads: list[str], rows: list[list[str]]) -> None:
+    """Prints rows in aligned columns, text to the left and numbers to the right.
+
+    In a row with fewer cells than heads the cells after the second may be wider than their column. An empty row prints
+    an empty line.
+    """
+    full_rows = [row for row in rows if len(row) == len(heads)]
+    widths = [max([len(head), *(len(row[i]) for row in full_rows)]) for i, head in enumerate(heads)]
+    numeric = [bool(full_rows) and all(_is_number(row[i]) for row in full_rows) for i in range(len(heads))]
+
+    def show(cells: list[str]) -> None:
+        padded = [
+            cell if i >= 2 and len(cells) < len(heads) else cell.rjust(width) if right else cell.ljust(width)
+            for i, (cell, width, right) in enumerate(zip(cells, widths, numeric, strict=False))
+        ]
+        print("  ".join(padded).rstrip())
+
+    show(heads)
+    print("  ".join("-" * width for width in widths))
+    for row in rows:
+        show(row)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text or "0")
+    except ValueError:
+        return False
+    return True
 
 
 def methods(options: argparse.Namespace) -> None:

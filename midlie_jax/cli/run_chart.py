@@ -1,22 +1,27 @@
-"""The chart of a run: changes of energy and momentum, angular velocities, and the path of an axis of the body.
+"""Charts of runs: of a scene, from the record of `midlie run`, and of any store.
 
-For a translating body also the path of its centre of mass and the change of its linear momentum.
+The chart of a scene shows the changes of energy and momentum, angular velocities, and the path of an axis of the body;
+for a translating body also the path of its centre of mass and the change of its linear momentum. The chart of a store
+shows its content against time, lag or frequency, for a few bodies and for all.
 """
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from ...model import so3, torques
-from ...model.rotor import Rotor
-from ...model.states import AxisState
-from ...plot.conservation import Change
-from ...plot.style import BLUE, GREEN, VERMILLION
-from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
-from .flight_path import flight_path
+from ..model import so3, torques
+from ..model.rotor import Rotor
+from ..model.states import AxisState
+from ..plot.conservation import Change
+from ..plot.style import BLUE, GREEN, VERMILLION
+from ..simulation.plan import BODY, TIME
+from ..simulation.summary import Inspection
+from ..simulation.variables import COORDINATES
+from .figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
 from .record import Record
 
 _FIRST = 3  # number of bodies with a separate line
@@ -25,6 +30,9 @@ _BAND = (5, 95)  # percentiles of all bodies
 _FEW = 50  # with fewer saved states, each has a dot
 _ROUNDING = 1e3  # in units in the last place: smaller errors count as rounding
 _LEAST_RANGE = 1e-3  # smallest range of a panel of angular velocities, relative to the largest of them
+_SHOWN = 1000  # largest number of bodies that are read for the band of a store: evenly spaced ones
+_PANELS = 15  # largest number of drawn components of a store: a translating body has 13
+_COLUMNS = 3
 
 
 def run_chart(record: Record, path: str) -> None:
@@ -58,7 +66,7 @@ def run_figure(record: Record) -> Any:
     stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
     _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)
     if travels:
-        flight_path(figure.add_subplot(grid[0, 2]), record)
+        _flight_path(figure.add_subplot(grid[0, 2]), record)
         _change(figure.add_subplot(grid[1, 2]), record, record.travel_changes[0], time)
     return figure
 
@@ -162,3 +170,85 @@ def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None
     finite = values[np.all(np.isfinite(values), axis=1)]
     if len(finite) > 1:
         axes.fill_between(times, *np.percentile(finite, _BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
+
+
+def _flight_path(axes: Any, record: Record) -> None:
+    """Draws the paths of the first bodies, seen along the space axis of least motion."""
+    found, colours = record.lines(record.travel[-1], _FIRST)
+    paths = np.asarray(found, np.float64)
+    spans = np.nan_to_num(np.nanmax(paths, axis=(0, 1)) - np.nanmin(paths, axis=(0, 1)))
+    i, j = sorted(np.argsort(spans, kind="stable")[1:])
+    letters, units = "xyz", record.scene.units.partition(";")[0].split(",")
+    unit = units[1].strip() if len(units) == 3 else "length"
+    title = f"Path of the centre of mass, seen along {letters[3 - i - j]}"
+    panel(axes, title, f"{letters[i]}  [{unit}]", f"{letters[j]}  [{unit}]")
+    for path, colour in zip(paths, colours, strict=False):
+        axes.plot(path[:, i], path[:, j], color=colour, linewidth=1.2)
+        axes.plot(*path[0, [i, j]], marker="o", markersize=7, color=colour, markeredgecolor="white", zorder=3)
+    if np.min(spans[[i, j]]) > 0.05 * np.max(spans):  # a nearly straight path would have no height
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.locator_params(nbins=6)
+
+
+def store_chart(found: Inspection, path: str) -> None:
+    """Draws the run as far as it is computed, and writes a PNG."""
+    write(store_figure(found), path)
+
+
+def store_figure(found: Inspection) -> Any:
+    panels = _panels(found)
+    if not panels:
+        raise ValueError(f"{found.path} holds nothing to draw yet; resume the run first.")
+    rows = -(-min(len(panels), _PANELS) // _COLUMNS)
+    figure = new_figure(13.0, 1.5 + 2.9 * rows)
+    note = f"{found.bodies} bodies, {found.attributes['method']}; {found.done / found.total:.0%} computed."
+    if found.bodies > 1:
+        note += f" Lines: the first bodies. Bands: percentiles {_BAND[0]} to {_BAND[1]} of the bodies."
+    if len(panels) > _PANELS:
+        note += f" The first {_PANELS} of {len(panels)} components."
+    heading(figure, str(found.attributes["title"]), note)
+    figure.subplots_adjust(bottom=0.65 / figure.get_figheight(), wspace=0.28, hspace=0.55)
+    for place, (title, unit, against, times, values) in enumerate(panels[:_PANELS]):
+        axes = figure.add_subplot(rows, _COLUMNS, place + 1)
+        panel(axes, title, against, f"[{unit}]" if unit else "")
+        _band(axes, times[0], values, FAINT)
+        for t, line, colour in zip(times, values, _COLOURS, strict=False):
+            axes.plot(t, line, color=colour, linewidth=1.0, marker="." if len(t) < 50 else "")
+    return figure
+
+
+def _panels(found: Inspection) -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
+    """For each component: title, unit, the variable of its axis, times (bodies, n) and values (bodies, n).
+
+    A statistic has a single row; a statistic over times has lags or frequencies in place of times.
+    """
+    import zarr
+
+    root: Any = zarr.open_group(str(Path(found.path)), mode="r")
+    every = slice(None, None, -(-found.bodies // _SHOWN))
+    panels: list[tuple[str, str, str, np.ndarray, np.ndarray]] = []
+    for name, array in sorted(root.arrays()):
+        dims = tuple(str(dim) for dim in array.metadata.dimension_names or ())
+        of_bodies = dims[:2] == (BODY, TIME)
+        first, *others = *dims, ""
+        own = len(others) == 1 and first in root and first not in (TIME, *COORDINATES)  # its lags, or its frequencies
+        if not (of_bodies or own or first == TIME) or name in ("time", "times", first):
+            continue
+        values = np.asarray(array[every] if of_bodies else array[...][None], np.float64)
+        place = first if own else "times" if "times" in root else "time"
+        times = root[place][every] if place == "times" else root[place][...][None]
+        against = first.rpartition("_")[2].capitalize() if own else "Time t"
+        times = np.broadcast_to(times, (len(values), times.shape[1]))
+        parts = values.reshape(*values.shape[:2], -1)
+        computed = int(np.sum(np.any(np.isfinite(parts), axis=(0, 2))))
+        for component in range(parts.shape[2] if computed else 0):
+            title = _title(name, dims[2 if of_bodies else 1 :], values.shape[2:], component)
+            unit = str(array.attrs.get("units", ""))
+            panels.append((title, unit, against, times[:, :computed], parts[:, :computed, component]))
+    return panels
+
+
+def _title(name: str, dims: tuple[str, ...], shape: tuple[int, ...], component: int) -> str:
+    """The name of a component: from the names of its coordinates, or its indices counted from 1."""
+    places = zip(dims, np.unravel_index(component, shape), strict=True) if shape else ()
+    return " ".join([name, *(COORDINATES[d][i] if d in COORDINATES else str(i + 1) for d, i in places)])
