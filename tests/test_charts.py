@@ -193,6 +193,26 @@ def test_every_scene_title_fits(title):
         assert text.get_window_extent(one.canvas.get_renderer()).x1 <= one.bbox.x1
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_up_to_eight_names_are_beside_their_lines_and_more_in_a_legend(side):
+    for count in (8, 9):
+        figure = figures.new_figure(6.0, 5.0)
+        axes = figure.add_subplot()
+        ends = [figures.End(f"method {i}", figures.COOL[i % 5], 2.0, 1 + 0.001 * i) for i in range(count)]
+        for end in ends:
+            axes.plot([1.0, 2.0], [0.0, end.y], color=end.colour)
+        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+        figures.label_ends(axes, ends, side)
+        figure.canvas.draw()
+        beside, legend = [text.get_text() for text in axes.texts], axes.get_legend()
+        named = [text.get_text() for text in legend.get_texts()] if legend else []
+        assert (beside if count == 8 else named) == [end.name for end in ends]
+        assert not (named if count == 8 else beside)
+        boxes = [Text.get_window_extent(text, figure.canvas.get_renderer()) for text in axes.texts]
+        assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+        assert all(axes.bbox.x0 - 1 < one.x0 < one.x1 < axes.bbox.x1 + 1 for one in boxes)
+
+
 def test_styles_run_out_for_nobody():
     fixed = {"AKW": figures.Style(figures.WARM[0], "o", figures.DASHED, False)}
     found = figures.styles(["AKW", *map(str, range(200))], figures.WARM, figures.DASHED, ours=False, fixed=fixed)

@@ -189,7 +189,7 @@ def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat, precessing):
     least = float(np.finfo(np.float32).eps) / 2
     for line, errors in zip(bold, (found.energy, found.momentum), strict=True):
         np.testing.assert_allclose(line.get_ydata(), np.maximum.accumulate(np.maximum(np.abs(errors), least)))
-    assert [text.get_text() for text in texts(flat)] == ["energy", "vertical momentum"]
+    assert legend(flat) == ["energy", "vertical momentum"]
     ml.plot.conserved(flat, TOP, GRAVITY, precessing._replace(states=states), label="again")
     assert_no_names_collide(flat)
 

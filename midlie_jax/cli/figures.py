@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..plot.labels import apart
 from ..plot.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from ..plot.style import new_figure as new_figure
 
@@ -162,7 +161,13 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
 
     The limits of the panel, which must contain all its lines, and its place in the figure must already be final.
     """
+    from matplotlib.text import Text
+
     if len(ends) > _MOST_NAMES:
+        for end in ends:
+            own = (line for line in axes.lines if line.get_color() == end.colour)
+            line = next((line for line in own if [end.x, end.y] in line.get_xydata().tolist()), None)
+            (line or axes.plot([], [], color=end.colour)[0]).set_label(end.name)
         axes.legend(fontsize=_NAME, frameon=False)
         return
     renderer, points = axes.figure.canvas.get_renderer(), 72 / axes.figure.dpi
@@ -181,7 +186,8 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
         for end in ends
     ]
     whole = axes.bbox.width * points
-    width = max((text.get_window_extent(renderer).width * points for text in texts), default=0.0)
+    # Of the text alone: the extent of an annotation includes its leader.
+    width = max((Text.get_window_extent(text, renderer).width * points for text in texts), default=0.0)
     part = min((width + _LEADER) / whole, 0.8) if texts else 0.0  # at least a fifth of the panel is left to the lines
     scale = axes.xaxis.get_transform()
     low, high = scale.transform(np.array(axes.get_xlim()))
@@ -190,5 +196,23 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
     heights = [axes.transData.transform((end.x, end.y))[1] * points for end in ends]
     edges = axes.bbox.y0 * points + _NAME, axes.bbox.y1 * points - _NAME
     across = 1 - width / whole if right else width / whole
-    for text, height in zip(texts, apart(heights, _GAP * _NAME, *edges), strict=True):
+    for text, height in zip(texts, _apart(heights, _GAP * _NAME, *edges), strict=True):
         text.xyann, text.anncoords = (across, height), ("axes fraction", "figure points")
+
+
+def _apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """The nearest heights, by least squares, at least `gap` apart, in the same order, and within low to high.
+
+    With the gaps subtracted, the problem is isotonic regression: neighbours out of order are pooled at their mean.
+    """
+    order = sorted(range(len(heights)), key=lambda i: heights[i])
+    pools: list[tuple[float, int]] = []  # means and numbers of members
+    for rank, i in enumerate(order):
+        mean, members = heights[i] - rank * gap, 1
+        while pools and pools[-1][0] > mean:
+            before, more = pools.pop()
+            mean, members = (before * more + mean * members) / (more + members), more + members
+        pools.append((mean, members))
+    room = max(low, high - (len(heights) - 1) * gap)
+    placed = [min(max(mean, low), room) for mean, members in pools for _ in range(members)]
+    return [placed[rank] + rank * gap for rank in sorted(range(len(order)), key=lambda rank: order[rank])]

@@ -1,4 +1,4 @@
-"""`bands`: the quantiles of an ensemble against time, named at the right edge of the panel."""
+"""`bands`: the quantiles of an ensemble against time, named in the legend of the panel."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import described
-from .labels import name_at_edge
-from .style import BLUE
+from .style import BLUE, name_in_legend
 
 _OPACITY = 0.3  # of the widest band; narrower bands are drawn on top of it
 
@@ -48,18 +47,16 @@ def bands(
 ) -> Bands:
     """Draws the median of an ensemble against time, and bands that hold given fractions of the bodies.
 
-    The band of level p lies between the quantiles (1 - p)/2 and (1 + p)/2 at each time. The names are outside the right
-    edge of the panel, each next to the end of its line. Set the limits of the axes first. A second call on the same
-    axes moves the names of the first to make room.
+    The band of level p lies between the quantiles (1 - p)/2 and (1 + p)/2 at each time. A legend names the lines and
+    the bands.
 
     Args:
-        axes: matplotlib's axes; names are placed at their right edge, and the panel becomes narrower.
+        axes: matplotlib's axes.
         times: (n,), ascending, with any unit.
-        values: (bodies, n). A body with a number that is not finite is left out, because its run failed. The number of
-            bodies left out is written below the label.
+        values: (bodies, n). A body with a number that is not finite is left out, because its run failed. The legend
+            gives the number of bodies left out.
         levels: fractions of the bodies, each above 0 and below 1.
-        label: name of the ensemble, written next to the median; by default "median". A legend also shows the numbers of
-            bodies.
+        label: name of the ensemble, with the number of bodies in the legend; by default "median".
         colour: colour of the line and the bands, any of matplotlib's.
 
     Returns:
@@ -84,22 +81,17 @@ def bands(
             "of the path."
         )
     chosen, name = colour or BLUE, label or "median"
-    named, edges = list[tuple[str, float]](), dict[float, tuple[np.ndarray, np.ndarray]]()
+    edges = dict[float, tuple[np.ndarray, np.ndarray]]()
     # The widest first, so that narrower bands are drawn on top of it.
     for level in sorted(map(float, levels), reverse=True):
         low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
-        axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0)
+        axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0, label=f"{100 * level:.4g} %")
         edges[level] = (low, high)
-        named.append((f"{100 * level:.4g} %", float(high[-1])))
     median = np.median(good, axis=0)
     count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
     axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
-    # Names at one height keep their order, from below.
-    if failed:
-        named.append((f"{failed:,} failed", float(median[-1])))
-    named.append((name, float(median[-1])))
-    axes.margins(x=0)  # the lines end at the edge, where their names are
-    name_at_edge(axes, named, chosen)
+    axes.margins(x=0)
+    name_in_legend(axes)
     return Bands(median, edges, len(good), failed)
 
 

@@ -20,9 +20,8 @@ from ..model.observables import energy
 from ..model.state import AnyState, State
 from ..model.states import TravellingState
 from ..model.torques import TorqueLike, on_body
-from .labels import name_at_edge
 from .motion import motion_of
-from .style import BLUE, GREEN, VERMILLION, remark
+from .style import BLUE, GREEN, VERMILLION, name_in_legend, remark
 
 # Colours and dashes of energy, angular and linear momentum.
 _LINES = (BLUE, "-"), (VERMILLION, (0, (4, 1.5))), (GREEN, (0, (1.5, 1.5)))
@@ -82,7 +81,7 @@ def conserved(
     function again on the same axes, with another colour for each.
 
     Args:
-        axes: matplotlib's axes; names are placed at their right edge, and the panel becomes narrower.
+        axes: matplotlib's axes, which get a legend.
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
         torque: as for `integrate`.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
@@ -129,9 +128,9 @@ def conserved(
         largest = np.maximum.accumulate(sizes)
         axes.plot(motion.times, sizes, color=chosen, linewidth=0.7, alpha=0.45)
         axes.plot(motion.times, largest, color=chosen, linewidth=2.0, linestyle=dash, label=name)
-        axes.margins(x=0)
-        name_at_edge(axes, [(name, float(largest[-1]))], chosen)
         found.append(change.values)
+    axes.margins(x=0)
+    name_in_legend(axes)
     remark(axes, motion.failed)
     return Conserved(motion.times, *found)
 

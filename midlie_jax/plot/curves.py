@@ -13,9 +13,8 @@ from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
 from ..model.states import Coupled, OrientedState, TravellingState
-from .labels import name_in_legend
 from .motion import Motion, motion_of, path_of_one
-from .style import BLUE, FEW, GREY, colours_of, is_3d, remark
+from .style import BLUE, FEW, GREY, colours_of, is_3d, name_in_legend, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
 _BODY_AXES = ("e1", "e2", "e3")

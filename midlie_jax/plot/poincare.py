@@ -13,9 +13,8 @@ from .._checks.arguments import described, require_function, shown
 from .._checks.typed_by import TypedBy
 from ..drivers.path import AnyPath, States
 from ..model.state import StateT
-from .labels import name_in_legend
 from .motion import Motion, motion_of
-from .style import BLUE, remark
+from .style import BLUE, name_in_legend, remark
 
 _NEIGHBOURS = 4  # saved states for the cubic interpolation of a crossing
 _LEAST = 64  # crossings computed at once
