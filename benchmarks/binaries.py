@@ -157,7 +157,7 @@ def draw(found: dict[int, list[Rung]], out: Path) -> None:
         up, scales = "largest relative error after a simulated day", {"xscale": "log", "yscale": "log"}
         across = "run time per simulated day and binary, one core [ms]"
         panels.append(Panel(title, across, up, lines, scales))
-    chart(out, [panels], (11, 4.6), left=0.08, right=0.98, bottom=0.12, top=0.92, wspace=0.25)
+    chart(out, [panels], (13, 4.8), left=0.08, right=0.98, bottom=0.12, top=0.92, wspace=0.25)
 
 
 COST = Table(

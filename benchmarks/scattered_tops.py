@@ -87,7 +87,7 @@ def draw(results: dict[float, Outcome], bodies: int, path: str) -> None:
     peaks = [np.nanquantile(found.tilt, 0.95, axis=0).max() for found in results.values()]
     title = f"Near the limit 95 % of the tops stay below {peaks[-1]:.0f}°, far from it below {peaks[0]:.0f}°"
     heading(figure, title, f"Bands: shares of {bodies:,} scattered tops, nominally tilted by {np.degrees(TILT):.1f}°.")
-    figure.subplots_adjust(bottom=0.11, wspace=0.22, right=0.945)
+    figure.subplots_adjust(bottom=0.11, wspace=0.22)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, safety in zip(panels, results, strict=True):
         title = f"Squared momentum {safety:g} times the limit"

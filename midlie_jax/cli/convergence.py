@@ -250,7 +250,7 @@ def _slope(coarse: float, fine: float) -> float:
 
 
 def _exact(scene: Scene) -> Reference | None:
-    """The exact end, with a parabola for a body in free fall; an axis moves like that of a body with equal moments."""
+    """The exact end, with a parabola for a body in free fall; an axis moves as if all moments were equal."""
     body, torque, start, position, source = scene.body, scene.torque, scene.start, None, SOURCE
     if isinstance(body, Rotor) and isinstance(start, AxisState):
         moments, start = np.full(3, float(body.moment)), start.with_attitude()

@@ -186,7 +186,7 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
         for end in ends
     ]
     whole = axes.bbox.width * points
-    # Of the text alone: the extent of an annotation includes its leader.
+    # The text alone: the extent of an annotation includes its leader.
     width = max((Text.get_window_extent(text, renderer).width * points for text in texts), default=0.0)
     part = min((width + _LEADER) / whole, 0.8) if texts else 0.0  # at least a fifth of the panel is left to the lines
     scale = axes.xaxis.get_transform()
