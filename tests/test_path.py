@@ -88,7 +88,7 @@ def test_a_path_is_written_as_csv_and_read_again(path, tmp_path):
     np.testing.assert_array_equal(table["time"], path.times)
     for i, letter in enumerate("wxyz"):
         np.testing.assert_array_equal(table[f"attitude_{letter}"], path.states.attitude[:, i])
-    angles = np.stack([table[name] for name in table.dtype.names if name.startswith("euler")], axis=1)
+    angles = np.stack([table[name] for name in table.dtype.names or () if name.startswith("euler")], axis=1)
     expected = Rotation.from_quat(np.asarray(path.states.attitude)[:, [1, 2, 3, 0]]).as_euler("ZYX", degrees=True)
     np.testing.assert_allclose(angles, expected, atol=1e-12)
     assert table["ok"].all()
