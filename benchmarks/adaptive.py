@@ -1,4 +1,4 @@
-"""Gain and cost of the reversible step control of `ml.integrate_adaptive`.
+"""Gain and cost of the reversible step control of `ml.integrate_variable_step`.
 
     python benchmarks/adaptive.py [gain] [energy] [cost] [batch]
 
@@ -18,8 +18,8 @@ from harness import Table, compiled, in_turn, main
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.methods.system import Motion, System  # for a step control that is not in the package
-from midlie_jax.methods.verdict import is_fine
+from midlie_jax.integrators.system import Motion, System  # for a step control that is not in the package
+from midlie_jax.integrators.verdict import is_fine
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
@@ -31,7 +31,7 @@ def satellite(eccentricity, orbits=5.3):
     velocity = jnp.array([0.0, 2 * np.pi * jnp.sqrt((1 + eccentricity) / (1 - eccentricity)), 0.0])
     orbit = ml.orbits.KeplerOrbit(position, velocity, mu)
     body = ml.RigidBody(jnp.array([1.0, 1.05, 1.1]))
-    torque = ml.torques.GravityGradient(body.moments, orbit, mu)
+    torque = ml.spacecraft.GravityGradient(body.moments, orbit, mu)
     start = ml.RigidState(body.moments * jnp.array([0.5, 1.0, 6.0]), ml.so3.exp(jnp.array([0.2, 0.3, 0.4])))
     return body, torque, start, ml.densities.OrbitalDistance(orbit, jnp.array(1.0)), float(orbits)
 
@@ -64,7 +64,7 @@ def ends(name, case, density, dts, most):
     @jax.jit
     @jax.vmap
     def run(dt):
-        path = ml.integrate_adaptive(
+        path = ml.integrate_variable_step(
             name, body, torque, start, density=density, dt=dt, steps=most, save_every=most, t1=t1
         )
         return ml.so3.to_matrix(path.states.attitude[-1]), path.taken, path.ok
@@ -134,14 +134,16 @@ def pid_controlled(name, case, duration, tolerance):
     """States, `ok` and number of steps under diffrax's PIDController."""
     body, torque, start, _ = case
     solution = diffrax.diffeqsolve(
-        ml.RigidBodyTerm(body, torque),
-        ml.LieSolver(name),
+        ml.diffrax.RigidBodyTerm(body, torque),
+        ml.diffrax.LieSolver(name),
         0.0,
         duration,
         0.02,
         start,
         saveat=diffrax.SaveAt(ts=jnp.linspace(0.0, duration, 4097)[1:]),
-        stepsize_controller=diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.RotationNorm(momentum=10.0)),
+        stepsize_controller=diffrax.PIDController(
+            rtol=0.0, atol=tolerance, norm=ml.diffrax.RotationNorm(momentum=10.0)
+        ),
         adjoint=diffrax.ForwardMode(),
         max_steps=1 << 20,
         throw=False,
@@ -155,14 +157,16 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
         body, torque, start, _ = case
 
         def row(control, count, states, ok, label=label, body=body, torque=torque, start=start):
-            error = np.asarray(ml.energy(body, torque, states)) / float(ml.energy(body, torque, start)) - 1
+            error = (
+                np.asarray(ml.observe.energy(body, torque, states)) / float(ml.observe.energy(body, torque, start)) - 1
+            )
             first, *_, last = np.array_split(error, 8)
             numbers = [np.abs(first).max(), np.abs(last).max(), first.mean(), last.mean()]
             note = "" if ok else " (failed)"
             return [label, f"{control}{note}", str(count), *(f"{e:.1e}" for e in numbers)]
 
         adaptive = jax.jit(
-            lambda case=case: ml.integrate_adaptive(
+            lambda case=case: ml.integrate_variable_step(
                 name, *case[:3], density=case[3], dt=dt, steps=steps, save_every=every
             )
         )()
@@ -199,7 +203,7 @@ def cost(steps=128):
         for name in METHODS[1:]:
             run = (name, body, torque)
             adaptive, constant = (
-                lambda s, dt, run=run, d=density: ml.integrate_adaptive(*run, s, density=d, dt=dt, **counts),
+                lambda s, dt, run=run, d=density: ml.integrate_variable_step(*run, s, density=d, dt=dt, **counts),
                 lambda s, dt, run=run: ml.integrate(*run, s, dt=dt, **counts),
             )
             times = in_turn([compiled(jax.vmap(f), starts, dts, options={}) for f in (adaptive, constant)], 8)
@@ -216,7 +220,9 @@ def batch():
 
         def to_t1(eccentricity, adjoint=adjoint):
             *case, density, _ = satellite(eccentricity)
-            path = ml.integrate_adaptive("JACOBI[EA]", *case, density=density, dt=0.01, t1=2.0, adjoint=adjoint, **many)
+            path = ml.integrate_variable_step(
+                "JACOBI[EA]", *case, density=density, dt=0.01, t1=2.0, adjoint=adjoint, **many
+            )
             return path.taken, path.ok
 
         run = compiled(jax.vmap(to_t1), values, options={})

@@ -19,7 +19,7 @@ BATCH, STEPS, REPEATS = 4096, 100, 7
 
 def named():
     """The methods for rigid bodies of this checkout."""
-    from midlie_jax.methods.registry import ENTRIES
+    from midlie_jax.integrators.registry import ENTRIES
     from midlie_jax.model.bodies import RigidBody
 
     return [name for name, entry in ENTRIES.items() if issubclass(RigidBody, entry.method.bodies)]

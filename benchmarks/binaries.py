@@ -49,7 +49,7 @@ class Rung(NamedTuple):
 
 
 def gravity(degree: int) -> Any:
-    return ml.torques.MutualGravity(didymos.G, degree=degree)
+    return ml.asteroids.MutualGravity(didymos.G, degree=degree)
 
 
 def end(method: str, degree: int, steps: int) -> ml.CoupledState:
@@ -131,8 +131,8 @@ def long_rows() -> Iterator[list[str]]:
         began = time.process_time()
         path = jax.block_until_ready(ml.integrate(method, didymos.BODY, gravity(2), didymos.start(), **options))
         seconds = time.process_time() - began
-        energy = np.asarray(ml.energy(didymos.BODY, gravity(2), path))
-        spin = np.asarray(ml.spatial_momentum(path.states))
+        energy = np.asarray(ml.observe.energy(didymos.BODY, gravity(2), path))
+        spin = np.asarray(ml.observe.spatial_momentum(path.states))
         halves = [f"{np.abs(half / energy[0] - 1).max():.1e}" for half in np.split(energy[1:], 2)]
         lost = np.abs(spin - spin[0]).max() / np.linalg.norm(spin[0])
         yield [f"`{method}`", f"{dt:g}", *halves, f"{lost:.0e}", f"{seconds:.1f}"]

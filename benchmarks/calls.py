@@ -27,7 +27,7 @@ RUN = {"dt": 0.005, "steps": 2}
 
 
 def solve(start):
-    term, solver = ml.RigidBodyTerm(SCENE.body, SCENE.torque), ml.LieSolver("SYMMETRIC[EA]")
+    term, solver = ml.diffrax.RigidBodyTerm(SCENE.body, SCENE.torque), ml.diffrax.LieSolver("SYMMETRIC[EA]")
     return diffrax.diffeqsolve(term, solver, 0.0, 0.01, 0.005, start, adjoint=diffrax.ForwardMode()).ys
 
 
@@ -41,14 +41,14 @@ CALLS: dict[str, tuple[Any, Callable[[Any], Any]]] = {
         jax.vmap(lambda x: ml.integrate("SYMMETRIC[EA]", SCENE.body, SCENE.torque, x, save_every=None, **RUN)),
     ),
     "`ml.ensemble`, 64 bodies": (MANY, lambda x: ml.ensemble("SYMMETRIC[EA]", SCENE.body, SCENE.torque, x, **RUN)),
-    "`ml.integrate_adaptive`": (
+    "`ml.integrate_variable_step`": (
         ONE,
-        lambda x: ml.integrate_adaptive(
+        lambda x: ml.integrate_variable_step(
             "SYMMETRIC[EA]", SCENE.body, SCENE.torque, x, density=even_density, save_every=None, **RUN
         ),
     ),
     "`ml.free_motion`": (ONE, lambda x: ml.free_motion(SCENE.body, x, [0.0, 0.005, 0.01])),
-    "`diffeqsolve` with `ml.LieSolver`": (ONE, solve),
+    "`diffeqsolve` with `ml.diffrax.LieSolver`": (ONE, solve),
 }
 
 
@@ -66,7 +66,7 @@ def rows() -> Iterator[list[str]]:
 def orbiting(name: str, bodies: int | None, steps: int) -> Any:
     """A run in the field of a centre around which the body goes, with an orbit that all bodies share."""
     orbit = ml.orbits.KeplerOrbit(jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.1, 0.0]), 1.0)
-    return driven(name, ml.torques.GravityGradient(None, orbit, 1.0), bodies, steps)
+    return driven(name, ml.spacecraft.GravityGradient(None, orbit, 1.0), bodies, steps)
 
 
 def topping(name: str, bodies: int | None, steps: int) -> Any:

@@ -33,7 +33,7 @@ def serve():
 
     def run_of(name, dtype):
         body = ml.RigidBody(jnp.asarray(scene.body.moments, dtype))
-        torque = ml.torques.HeavyTop(jnp.asarray(scene.torque.weight, dtype))
+        torque = ml.torques.HeavyTop(jnp.asarray(scene.torque.mgl, dtype))
         starts = jax.tree.map(lambda x: x.astype(dtype), scenes.perturbed(scene, BODIES, 1e-3))
         given = {"dt": jnp.asarray(DT, dtype), "steps": METHODS[name], "save_every": METHODS[name]}
         return lambda: jax.block_until_ready(ml.ensemble(name, body, torque, starts, **given))

@@ -40,7 +40,7 @@ def top(weight):
     return ml.torques.HeavyTop(weight, AXIS)
 
 
-TERM = ml.RigidBodyTerm(ml.RigidBody(jnp.array(MOMENTS)), torque_of_args=top)
+TERM = ml.diffrax.RigidBodyTerm(ml.RigidBody(jnp.array(MOMENTS)), torque_of_args=top)
 
 
 def numbers(state):
@@ -53,7 +53,7 @@ def solver_rows():
         return diffrax.diffeqsolve(TERM, solver, 0.0, 1.0, dt, start(), weight).ys
 
     exact = numbers(end(diffrax.Dopri8(), jnp.array(WEIGHT), jnp.array(1 / 64)))
-    before = np.asarray(ml.spatial_momentum(start()))
+    before = np.asarray(ml.observe.spatial_momentum(start()))
     newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
     for solver in (
         diffrax.Heun(),
@@ -61,28 +61,30 @@ def solver_rows():
         diffrax.Tsit5(),
         diffrax.Dopri8(),
         diffrax.Kvaerno5(root_finder=newton),
-        ml.LieSolver("LIEMID[EA]"),
-        ml.LieSolver("SLIEMID4[SRKN6b]"),
+        ml.diffrax.LieSolver("LIEMID[EA]"),
+        ml.diffrax.LieSolver("SLIEMID4[SRKN6b]"),
     ):
         errors = [
             np.max(np.abs(numbers(end(solver, jnp.array(WEIGHT), jnp.array(h))) - exact)) for h in (1 / 8, 1 / 16)
         ]
         free = jax.tree.map(lambda x: x[0], end(solver, jnp.array(0.0), jnp.array(1 / 4)))
-        drift = np.max(np.abs(ml.spatial_momentum(free) - before))
-        name = f'LieSolver("{solver.method.name}")' if isinstance(solver, ml.LieSolver) else type(solver).__name__
+        drift = np.max(np.abs(ml.observe.spatial_momentum(free) - before))
+        name = (
+            f'LieSolver("{solver.method.name}")' if isinstance(solver, ml.diffrax.LieSolver) else type(solver).__name__
+        )
         yield [f"`{name}`", f"{errors[0]:.1e}", f"{np.log2(errors[0] / errors[1]):.2f}", f"{drift:.1e}"]
 
 
 def energy(_, duration=2000.0, parts=8):
     """Prints the largest relative error of the energy in each of `parts` equal parts of the time."""
     weight = jnp.array(WEIGHT)
-    first = ml.energy(TERM.body, top(weight), start())
+    first = ml.observe.energy(TERM.body, top(weight), start())
 
     @eqx.filter_jit
     def run(solver, dt, controller):
         def saved(t, y, args):
             del t
-            return ml.energy(TERM.body, top(args), y)
+            return ml.observe.energy(TERM.body, top(args), y)
 
         saveat = diffrax.SaveAt(steps=True, fn=saved)
         return diffrax.diffeqsolve(
@@ -107,8 +109,8 @@ def energy(_, duration=2000.0, parts=8):
 
     print(f"largest |E/E0 - 1| in each eighth of {duration:.0f} time units")
     for name, tolerance in (("LIEMID[EA]", 1e-4), ("SLIEMID[EA]", 1e-4)):
-        solver = ml.LieSolver(name)
-        controller = diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.RotationNorm())
+        solver = ml.diffrax.LieSolver(name)
+        controller = diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.diffrax.RotationNorm())
         steps, varying = parts_of(run(solver, 0.01, controller))
         same, constant = parts_of(run(solver, duration / steps, None))
         for label, count, errors in (("PIDController", steps, varying), ("constant step", same, constant)):
@@ -141,7 +143,7 @@ def float32(_, steps=100_000, dt=0.005, count=64):
 
             states = jax.jit(jax.vmap(end))(momenta.astype(dtype))
             ends[dtype, way] = jax.tree.map(lambda x: x.astype(jnp.float64), states)
-    first = ml.spatial_momentum(jax.vmap(lambda m: ml.RigidState(m, scene.start.attitude))(momenta))
+    first = ml.observe.spatial_momentum(jax.vmap(lambda m: ml.RigidState(m, scene.start.attitude))(momenta))
     exact = ends[jnp.float64, "as it is"]
     size = jnp.linalg.norm(momenta, axis=-1)
     print(f"LIEMID[EA] in float32, {steps} steps of {dt}, {count} starts: median error, relative to |Pi|")
@@ -149,15 +151,15 @@ def float32(_, steps=100_000, dt=0.005, count=64):
     for way in ("as it is", "recovered"):
         state = ends[jnp.float32, way]
         error = jnp.linalg.norm(state.momentum - exact.momentum, axis=-1) / size
-        drift = jnp.abs(ml.spatial_momentum(state) - first)[:, 2] / size
+        drift = jnp.abs(ml.observe.spatial_momentum(state) - first)[:, 2] / size
         print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
 
 
 def event_rows(dt=0.01):
     """Errors and costs of the moment at which the axis of the top first falls through the plane x = 0."""
     scene = scenes.scene("P1")
-    moments, weight = np.asarray(scene.body.moments), float(scene.torque.weight)
-    term = ml.RigidBodyTerm(scene.body, scene.torque)
+    moments, weight = np.asarray(scene.body.moments), float(scene.torque.mgl)
+    term = ml.diffrax.RigidBodyTerm(scene.body, scene.torque)
 
     def east(t, y, args, **kwargs):
         del t, args, kwargs
@@ -174,7 +176,7 @@ def event_rows(dt=0.01):
 
             @jax.jit
             def crossing(y, name=name, dense=dense):
-                solver = ml.LieSolver(name, dense=dense)
+                solver = ml.diffrax.LieSolver(name, dense=dense)
                 options = {"event": event, "adjoint": diffrax.ForwardMode(), "max_steps": None}
                 found = diffrax.diffeqsolve(term, solver, 0.0, 10.0, dt, y, **options)
                 return found.ts[0], jax.tree.map(lambda x: x[0], found.ys)
@@ -201,7 +203,7 @@ def readings(parameters, solver, controller, adjoint):
     """The momenta of a fast top at 11 times, for these moments and this weight."""
     moments, weight = parameters
     fast = ml.RigidState(jnp.array([0.0, 0.0, 50.0]), ml.so3.exp(jnp.array([0.05, 0.0, 0.0])))
-    term = ml.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
+    term = ml.diffrax.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
     first = None if isinstance(controller, diffrax.StepTo) else LENGTH / STEPS
     options = {"saveat": diffrax.SaveAt(ts=jnp.linspace(0.0, LENGTH, SAVED)), "adjoint": adjoint}
     options["stepsize_controller"] = controller
@@ -221,13 +223,13 @@ def first_and_later(function, parameters, calls=9):
 
 def derivatives():
     fixed = diffrax.StepTo(ts=LENGTH / STEPS * jnp.arange(STEPS + 1.0))
-    adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=50.0))
-    ours = [ml.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
+    adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.diffrax.RotationNorm(momentum=50.0))
+    ours = [ml.diffrax.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
     cases = [(solver, "200 equal steps", fixed) for solver in (*ours, diffrax.Tsit5())]
     cases.append((ours[0], "adaptive", adaptive))
     reverse, forward = diffrax.RecursiveCheckpointAdjoint(), diffrax.ForwardMode()
     for solver, steps, controller in cases:
-        name = solver.method.name if isinstance(solver, ml.LieSolver) else f"diffrax {type(solver).__name__}"
+        name = solver.method.name if isinstance(solver, ml.diffrax.LieSolver) else f"diffrax {type(solver).__name__}"
         moments = jnp.array([5.0, 5.0, 1.0] if name.startswith("SYMMETRIC") else [5.0, 4.0, 1.0])
 
         def run(adjoint, parameters, solver=solver, controller=controller):

@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import midlie_jax as ml
-from midlie_jax import fitting, observe
+from midlie_jax import fitting
 from midlie_jax.fitting.parameters import Layout
 
 jax.config.update("jax_enable_x64", True)
@@ -54,7 +54,7 @@ def observer(t):
 
 def brightness(t, state, body, values):
     del body
-    return observe.EllipsoidBrightness(values["semi_axes"], SUN, observer)(t, state)
+    return ml.asteroids.EllipsoidBrightness(values["semi_axes"], SUN, observer)(t, state)
 
 
 def model(values):
@@ -89,8 +89,8 @@ def guess(rng):
 def words(values):
     """Ratios of the moments and of the semi-axes, both periods, pole and phases."""
     body, _, start = model(values)
-    found = ml.tumble(body, start)
-    pole = ml.spatial_momentum(start) / found.momentum
+    found = ml.asteroids.tumble(body, start)
+    pole = ml.observe.spatial_momentum(start) / found.momentum
     return {
         "I1/I3": values["moments"][0] / values["moments"][2],
         "I2/I3": values["moments"][1] / values["moments"][2],

@@ -74,7 +74,7 @@ def adaptive(starts, right):
 
     run = {"density": density, "steps": 1024, "save_every": None, "t0": -flyby.HALF, "t1": flyby.HALF}
     case = ("JACOBI[SRKN6b]", flyby.body(), flyby.torque())
-    many = jax.jit(jax.vmap(lambda state, dt: ml.integrate_adaptive(*case, state, dt=dt, **run), (0, None)))
+    many = jax.jit(jax.vmap(lambda state, dt: ml.integrate_variable_step(*case, state, dt=dt, **run), (0, None)))
     for dt in DTS:
         path = many(starts, jnp.asarray(dt))
         assert path.ok.all()
@@ -86,7 +86,7 @@ def adaptive(starts, right):
 
 
 def outcome(starts, right):
-    before, after = (ml.tumble(flyby.body(), states) for states in (starts, right.states))
+    before, after = (ml.asteroids.tumble(flyby.body(), states) for states in (starts, right.states))
     moved = np.degrees(np.arccos(np.clip(np.sum(np.asarray(before.pole) * np.asarray(after.pole), axis=-1), -1, 1)))
     rate = np.asarray(after.effective_rate / before.effective_rate)
     for what, values in (

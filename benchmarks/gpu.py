@@ -40,8 +40,8 @@ from laboratory.kinds.rigid import rates
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.methods.runge_kutta import RungeKutta
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.runge_kutta import RungeKutta
+from midlie_jax.integrators.splitting import Splitting
 
 jax.config.update("jax_enable_x64", True)
 DRAWN = "<!-- drawn by: `python benchmarks/gpu.py --write` -->"
@@ -118,8 +118,8 @@ def run_of(job: Job):
         return by_diffrax(term, diffrax.Tsit5(), jnp.concatenate([start.momentum, start.attitude]))[-1, :3]
 
     def solver(start):
-        term = ml.RigidBodyTerm(scene.body, scene.torque)
-        return by_diffrax(term, ml.LieSolver("LIEMID[EA]"), start).momentum[-1]
+        term = ml.diffrax.RigidBodyTerm(scene.body, scene.torque)
+        return by_diffrax(term, ml.diffrax.LieSolver("LIEMID[EA]"), start).momentum[-1]
 
     return {TSIT5: tsit5, SOLVER: solver}.get(job.form, ours)
 

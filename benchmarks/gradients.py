@@ -32,7 +32,7 @@ LONG = (1_000, 100_000)  # steps of the runs whose memory is compared
 SIZES = ((128, 1000), (1000, 256), (10_000, 64))  # steps and bodies of the sums
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]")
 SCENE = scenes.scene("P1")
-PARAMETERS = (SCENE.body.moments, SCENE.torque.weight)
+PARAMETERS = (SCENE.body.moments, SCENE.torque.mgl)
 
 
 def ours(name, adjoint, steps, every=None):
@@ -93,7 +93,7 @@ def sums():
         starts = scenes.perturbed(SCENE, bodies, 1e-3)
         for name in METHODS:
             losses = [summed(ours(name, adjoint, steps), starts) for adjoint in adjoints.values()]
-            weight = float(SCENE.torque.weight)
+            weight = float(SCENE.torque.mgl)
             programs = [compiled(f, weight, bodies=bodies) for f in (losses[0], *map(jax.value_and_grad, losses))]
             value, *both = in_turn(programs, 7, 31, longest=2.0)
             for label, program, seconds in zip(adjoints, programs[1:], both, strict=True):

@@ -33,8 +33,8 @@ from jax.sharding import SingleDeviceSharding
 import midlie_jax as ml
 from midlie_jax._xla import fusion
 from midlie_jax.drivers.arguments import as_method
-from midlie_jax.methods import runge_kutta
-from midlie_jax.methods.base import Method
+from midlie_jax.integrators import runge_kutta
+from midlie_jax.integrators.base import Method
 
 jax.config.update("jax_enable_x64", True)
 CARD = Path(__file__).with_name("h200.txtpb")

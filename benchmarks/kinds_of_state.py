@@ -45,7 +45,7 @@ def travelling() -> tuple[Any, Any, Any]:
 def axis() -> tuple[Any, Any, Any]:
     """The axis of the fast top P1, tilted."""
     body, torque, starts = rigid("P1-tilted")
-    return ml.Rotor(body.moments[0]), torque, ml.AxisState.of(starts)
+    return ml.SymmetricRotor(body.moments[0]), torque, ml.AxisState.of(starts)
 
 
 def direction() -> tuple[Any, Any, Any]:

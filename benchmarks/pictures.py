@@ -181,7 +181,7 @@ def asteroid(figure: Any) -> None:
     path = ml.ensemble(
         "JACOBI[SRKN6b]", flyby.body(), flyby.torque(), starts, dt=600.0, steps=576, t0=-flyby.HALF, save_every=2
     )
-    rate = ml.tumble(flyby.body(), path.states).effective_rate * 86400 / (2 * np.pi)
+    rate = ml.asteroids.tumble(flyby.body(), path.states).effective_rate * 86400 / (2 * np.pi)
     within = np.abs(path.times) <= 15 * flyby.HOUR
     shade = np.interp(rate[:, -1], [rate.min(), rate[:, 0].mean(), rate.max()], [0.0, 0.5, 1.0])
     colours = LinearSegmentedColormap.from_list("slower to faster", [BLUE, GREY, VERMILLION])
@@ -193,7 +193,7 @@ def asteroid(figure: Any) -> None:
 def binary(figure: Any) -> None:
     """Didymos and its moon from above, to scale, every hour of an orbit."""
     axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
-    gravity = ml.torques.MutualGravity(didymos.G)
+    gravity = ml.asteroids.MutualGravity(didymos.G)
     path = ml.integrate("JACOBI[SRKN14a]", didymos.BODY, gravity, didymos.start(), dt=300.0, steps=144)
     places, turns = path.states.position, ml.so3.to_matrix(path.states.attitude)
     axes.plot(*np.asarray(places[:, 1, :2]).T, color=GREY, linewidth=0.8)

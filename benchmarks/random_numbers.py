@@ -37,7 +37,7 @@ from midlie_jax._xla.fusion import split
 from midlie_jax.advice.timing import Stopwatch
 from midlie_jax.cli import scenes
 from midlie_jax.drivers.clock import ends_of_step
-from midlie_jax.methods.system import Motion, System
+from midlie_jax.integrators.system import Motion, System
 
 CHUNKS, CHUNK, STEPS, DT = 4, 256, 2000, 0.005
 Words = Sequence[Array]

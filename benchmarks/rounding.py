@@ -36,7 +36,7 @@ from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.methods.flights import FLIGHTS, symmetric
+from midlie_jax.integrators.flights import FLIGHTS, symmetric
 
 BODIES, SHOWN = 16, ("JACOBI", "SYMMETRIC", "SLIEMID4", "DLM", "LIEMID")  # SHOWN: flights on the page
 STATES = {"float64": ml.RigidState, "float32": ml.CompensatedState}
@@ -133,7 +133,7 @@ def drift(steps):
     """The change of the vertical momentum per step over the momentum: root mean square over the tops."""
     starts = scenes.perturbed(TOP, TOPS, 1e-3)
     path = ml.ensemble("SYMMETRIC[EA]", TOP.body, TOP.torque, starts, dt=DT, steps=steps, torque_axes=None)
-    before, after = (np.asarray(ml.spatial_momentum(s))[:, 2] for s in (starts, path.states))
+    before, after = (np.asarray(ml.observe.spatial_momentum(s))[:, 2] for s in (starts, path.states))
     return float(np.sqrt(np.mean(((after - before) / np.linalg.norm(starts.momentum, axis=1)) ** 2))) / steps
 
 
@@ -165,7 +165,7 @@ def energies(name, scene, dt, steps):
     @jax.jit
     def run(start):
         path = ml.integrate(name, scene.body, scene.torque, start, dt=dt, steps=steps, save_every=every)
-        return path.times, jax.vmap(lambda s: ml.energy(scene.body, scene.torque, s))(path.states), path.ok
+        return path.times, jax.vmap(lambda s: ml.observe.energy(scene.body, scene.torque, s))(path.states), path.ok
 
     times, energy, ok = run(scene.start)
     energy = np.asarray(energy)

@@ -36,8 +36,8 @@ import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
 from midlie_jax.advice.timing import timed, user_clock  # noqa: E402
 from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.methods.flights import FLIGHTS  # noqa: E402
-from midlie_jax.methods.registry import ENTRIES, paper_methods  # noqa: E402
+from midlie_jax.integrators.flights import FLIGHTS  # noqa: E402
+from midlie_jax.integrators.registry import ENTRIES, paper_methods  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 KEY = (
@@ -139,8 +139,8 @@ def equal_time_errors(scene, ratio, time=1.0, steps=400):
 
 def through_diffrax(scene, batch, steps):
     """Cost of LIEMID[EA] as a solver of diffrax, with the steps and the end of `ours` and no derivative."""
-    term, times = ml.RigidBodyTerm(scene.body, scene.torque), 0.005 * jnp.arange(steps + 1.0)
-    run = partial(in_diffrax, term, ml.LieSolver("LIEMID[EA]"), times)
+    term, times = ml.diffrax.RigidBodyTerm(scene.body, scene.torque), 0.005 * jnp.arange(steps + 1.0)
+    run = partial(in_diffrax, term, ml.diffrax.LieSolver("LIEMID[EA]"), times)
     return body_step(run, scene, batch, steps)
 
 

@@ -65,7 +65,7 @@ def outcome(bodies: int, momentum: float) -> Outcome:
     body, torque = ml.RigidBody(drawn["moments"]), ml.torques.HeavyTop(drawn["weight"])
     start = ml.RigidState(drawn["momentum"], drawn["attitude"])
     path = ml.ensemble("JACOBI[CHIN4A]", body, torque, start, dt=DT, steps=STEPS, save_every=EVERY)
-    energy = np.asarray(jax.vmap(ml.energy)(body, torque, path.states))
+    energy = np.asarray(jax.vmap(ml.observe.energy)(body, torque, path.states))
     height = np.asarray(ml.so3.to_matrix(path.states.attitude))[..., 2, 2]
     # The limit is that of a top with two equal moments; the larger of the two decides.
     below = drawn["momentum"][:, 2] ** 2 < 4 * drawn["moments"][:, :2].max(axis=1) * drawn["weight"]

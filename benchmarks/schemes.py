@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from midlie_jax.methods import schemes
-from midlie_jax.methods.scheme_order import pendulums
+from midlie_jax.integrators import schemes
+from midlie_jax.integrators.scheme_order import pendulums
 
 
 def work(scheme):

@@ -128,7 +128,7 @@ def craft() -> Iterator[list[str]]:
     def wrench(action: Any) -> Any:
         def force(t: Any, state: Any) -> Any:
             up = ml.so3.rotate(state.attitude, jnp.stack([0 * action[0], 0 * action[0], action[0]]))
-            return ml.Wrench(action[1:], up + weight)
+            return ml.torques.Wrench(action[1:], up + weight)
 
         return force
 

@@ -103,7 +103,7 @@ def gravity_gradient(t, state):
     return 3 * n**2 * jnp.cross(u, body.moments * u)
 
 
-gravity = ml.torques.GravityGradient(None, orbit, MU)  # the library's: None means the moments of the body of the run
+gravity = ml.spacecraft.GravityGradient(None, orbit, MU)  # the library's: None means the moments of the body of the run
 drawn = ml.scatter(
     jax.random.key(0), 1000, attitude=ml.distributions.Rotation(), t=ml.distributions.Uniform(0.0, PERIOD)
 )
@@ -292,7 +292,7 @@ plt.show()
 
 # %%
 def invariant(t, states, body=body):
-    return ml.energy(body, gravity, states, t) - n * ml.spatial_momentum(states)[..., 2]  # joules
+    return ml.observe.energy(body, gravity, states, t) - n * ml.observe.spatial_momentum(states)[..., 2]  # joules
 
 
 kept = invariant(tumbling.times, tumbling.states)
@@ -305,7 +305,7 @@ print(f"largest change of E - n Lz in 16 orbits, over the depth: {jnp.max(jnp.ab
 # The payload wants Z of the *drawing* up, not axis 1. So we stay in the design frame: `ml.TensorBody` takes the tensor
 # as it is, and then state and torque are in the frame of the tensor. A controller with quaternion feedback turns the
 # design frame to the orbital frame, Z up and X forward: a proportional part on the error, and a derivative part on the
-# rate relative to the orbital frame. (The library's `ml.torques.PDControl` does this for a target that is fixed in
+# rate relative to the orbital frame. (The library's `ml.spacecraft.PDControl` does this for a target that is fixed in
 # space; our target turns.) This torque reads the momentum. A run detects that by itself.
 
 # %%

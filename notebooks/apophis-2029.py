@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import midlie_jax as ml
-from midlie_jax import fitting, observe
+from midlie_jax import fitting
 from midlie_jax.cli.figures import panel
 
 jax.config.update("jax_enable_x64", True)  # sixteen digits
@@ -35,22 +35,22 @@ pole = [-0.3320328728817035, -0.4230418832197608, 0.8430834693954098]  # of the 
 
 def tumbling(part, angle):
     """A start a part of the long period after a given one, and turned about the pole by an angle in radians."""
-    return ml.tumbling(
+    return ml.asteroids.tumbling(
         body, precession_period=27.374 * HOUR, rotation_period=262.2 * HOUR, axis="short", mode="short",
         pole=pole, phases=(part, angle),
     )  # fmt: skip
 
 
 start = tumbling(0.3, 2.0)
-before = ml.tumble(body, start)
+before = ml.asteroids.tumble(body, start)
 print(f"energy over that of the steady rotation   {before.energy_ratio:.4f}")
 print(f"effective period, 2 pi |L| / 2 E          {2 * np.pi / before.effective_rate / HOUR:.2f} h")
 
 
 # %% [markdown]
 # Seen from space, the short axis goes round the momentum in 27.4 h; seen from the body, the momentum goes round the
-# short axis in 262 h. `ml.tumbling` wants to know whose precession the first period is, and `mode="short"` says round
-# which axis the momentum goes: two other motions have such periods, with other energies.
+# short axis in 262 h. `ml.asteroids.tumbling` wants to know whose precession the first period is, and `mode="short"`
+# says round which axis the momentum goes: two other motions have such periods, with other energies.
 #
 # ## The pass
 #
@@ -89,10 +89,10 @@ plt.show()
 # after; a step of ten minutes is exact to some 1e-9 radians with this method.
 
 # %%
-torque = ml.torques.GravityGradient(None, orbit, mu)
+torque = ml.spacecraft.GravityGradient(None, orbit, mu)
 METHOD, STEP, SPAN = "JACOBI[SRKN6b]", 600.0, 2 * DAY
 path = ml.integrate(METHOD, body, torque, start, dt=STEP, steps=576, t0=-SPAN, save_every=3)
-tumble = ml.tumble(body, path.states)
+tumble = ml.asteroids.tumble(body, path.states)
 hours = np.asarray(path.times) / HOUR
 
 figure, panels = plt.subplots(3, 1, figsize=(9, 7), sharex=True, layout="constrained")
@@ -127,7 +127,7 @@ print(f"the pole moved by {turned[-1]:.1f} degrees")
 parts, angles = np.meshgrid(np.arange(80) / 80, 2 * np.pi * np.arange(50) / 50, indexing="ij")
 starts = jax.jit(jax.vmap(tumbling))(parts.ravel(), angles.ravel())
 many = ml.ensemble(METHOD, body, torque, starts, dt=STEP, steps=576, t0=-SPAN)
-ends = ml.tumble(body, many.states)
+ends = ml.asteroids.tumble(body, many.states)
 rate = np.asarray(ends.effective_rate / before.effective_rate).reshape(parts.shape)
 moved = np.degrees(np.arccos(np.clip(np.asarray(ends.pole) @ np.asarray(pole), -1, 1))).reshape(parts.shape)
 assert np.all(many.ok)
@@ -174,7 +174,7 @@ semi_axes = jnp.array([1.40, 0.90, 0.81])
 def brightness(t, state, body, values):
     """An ellipsoid by the law of Lommel and Seeliger; its shape is free, and need not be that of a homogeneous body."""
     earth = jnp.where(t < 0, BEFORE, AFTER)
-    return observe.EllipsoidBrightness(values["semi_axes"], SUN, lambda t: earth)(t, state)
+    return ml.asteroids.EllipsoidBrightness(values["semi_axes"], SUN, lambda t: earth)(t, state)
 
 
 def model_with(torque):
@@ -274,7 +274,7 @@ def arrival(values, days):
 
 
 arrivals = jax.jit(jax.vmap(arrival, in_axes=(0, None)))
-effective_rates = jax.jit(jax.vmap(lambda turning, state: ml.tumble(turning, state).effective_rate))
+effective_rates = jax.jit(jax.vmap(lambda turning, state: ml.asteroids.tumble(turning, state).effective_rate))
 
 
 def rates_after(values, days):
@@ -322,7 +322,7 @@ plt.show()
 #
 # ## What to remember
 #
-# - A start in the words of light curves: `ml.tumbling`; and back: `ml.tumble`.
+# - A start in the words of light curves: `ml.asteroids.tumbling`; and back: `ml.asteroids.tumble`.
 # - Whatever you can write as a function of time, state, body and parameters is a measurement: `fitting.Observed`.
 # - A fit says what its data allow, `result.draws(n)`; an ensemble says what follows from it.
 #

@@ -134,8 +134,8 @@ bands = ml.plot.bands(axes, many.times / 3600, np.degrees(many.states), label="1
 # %% [markdown]
 # ## Two molecules
 #
-# A rigid molecule is a body with charges at fixed points. `ml.sites` gives the places of the points in space; the
-# potential energy is written on them, and `FromPotential` makes torques and forces of it. Two waters of the model
+# A rigid molecule is a body with charges at fixed points. `ml.molecules.sites` gives the places of the points in space;
+# the potential energy is written on them, and `FromPotential` makes torques and forces of it. Two waters of the model
 # SPC/E, in nanometres, picoseconds and atomic mass units, so energies are in kJ/mol:
 
 # %%
@@ -147,7 +147,7 @@ charges = 138.935457644 * np.outer([-0.8476, 0.4238, 0.4238], [-0.8476, 0.4238, 
 
 def energy(t, state):
     """Electrostatic energy of all pairs of sites, and the Lennard-Jones energy of the two oxygens."""
-    first, second = ml.sites(state, jnp.asarray(WATER.points))
+    first, second = ml.molecules.sites(state, jnp.asarray(WATER.points))
     distance = jnp.sqrt(jnp.sum((first[:, None] - second[None]) ** 2, axis=-1))
     sixth = (0.3166 / distance[0, 0]) ** 6
     return jnp.sum(charges / distance) + 4 * 0.650 * (sixth**2 - sixth)
@@ -215,7 +215,7 @@ Image(ml.plot.animate(thrown.body, flight, folder / "rod.gif", frames=60, size=4
 
 # %%
 ELEMENTS, LENGTH, RADIUS, E, G, LOAD = 20, 3.0, 0.25, 1e6, 1e4, 15.0
-beam, springs, straight = ml.straight_rod(
+beam, springs, straight = ml.molecules.straight_rod(
     ELEMENTS, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0],
     length=LENGTH, radius=RADIUS, density=5000.0, youngs_modulus=E, shear_modulus=G, clamped=True,
 )  # fmt: skip
@@ -223,7 +223,7 @@ weight = jnp.zeros((ELEMENTS, 3)).at[-1, 2].set(-LOAD / 1000)
 
 
 def load_and_damping(t, state):
-    return ml.Wrench(-1.0 * state.momentum, weight - 1.0 * state.linear)
+    return ml.torques.Wrench(-1.0 * state.momentum, weight - 1.0 * state.linear)
 
 
 rest = ml.integrate(

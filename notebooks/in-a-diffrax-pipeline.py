@@ -38,11 +38,11 @@ BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 # ## The line that changes
 #
 # `RigidBodyTerm` is a diffrax term. diffrax's own solvers take it as it is: they integrate the seven numbers of the
-# state. So the program before the change has `diffrax.Tsit5()`, and the program after it has `ml.LieSolver(...)`, which
-# turns the body by rotations instead. Everything else stays.
+# state. So the program before the change has `diffrax.Tsit5()`, and the program after it has
+# `ml.diffrax.LieSolver(...)`, which turns the body by rotations instead. Everything else stays.
 
 # %%
-term = ml.RigidBodyTerm(ml.RigidBody(MOMENTS), ml.torques.HeavyTop(WEIGHT))
+term = ml.diffrax.RigidBodyTerm(ml.RigidBody(MOMENTS), ml.torques.HeavyTop(WEIGHT))
 
 
 @eqx.filter_jit
@@ -53,7 +53,7 @@ def run(solver, dt, duration, saveat, **options):
 
 times = jnp.linspace(0.0, 200.0, 401)  # s
 before = run(diffrax.Tsit5(), 0.02, 200.0, diffrax.SaveAt(ts=times))
-after = run(ml.LieSolver("JACOBI[EA]"), 0.02, 200.0, diffrax.SaveAt(ts=times))
+after = run(ml.diffrax.LieSolver("JACOBI[EA]"), 0.02, 200.0, diffrax.SaveAt(ts=times))
 
 # %% [markdown]
 # ## What improves: the long run
@@ -65,7 +65,7 @@ after = run(ml.LieSolver("JACOBI[EA]"), 0.02, 200.0, diffrax.SaveAt(ts=times))
 
 # %%
 def errors(states):
-    energy, vertical = ml.energy(term.body, term.torque, states), ml.spatial_momentum(states)[:, 2]
+    energy, vertical = ml.observe.energy(term.body, term.torque, states), ml.observe.spatial_momentum(states)[:, 2]
     length = jnp.linalg.norm(states.attitude, axis=-1)
     return energy / energy[0] - 1, length - 1, vertical / vertical[0] - 1
 
@@ -94,8 +94,8 @@ plt.show()
 # %%
 SOLVERS = {
     "Tsit5": (diffrax.Tsit5(), 6, ORANGE, "s"),
-    "JACOBI[EA]": (ml.LieSolver("JACOBI[EA]"), 1, BLUE, "o"),
-    "JACOBI[SRKN6b]": (ml.LieSolver("JACOBI[SRKN6b]"), 6, GREEN, "^"),
+    "JACOBI[EA]": (ml.diffrax.LieSolver("JACOBI[EA]"), 1, BLUE, "o"),
+    "JACOBI[SRKN6b]": (ml.diffrax.LieSolver("JACOBI[SRKN6b]"), 6, GREEN, "^"),
 }
 
 
@@ -108,7 +108,7 @@ def angle(a, b):
     return float(jnp.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(a), b / jnp.linalg.norm(b)))))
 
 
-exact = end(ml.LieSolver("JACOBI[SRKN14a]"), 20_000)
+exact = end(ml.diffrax.LieSolver("JACOBI[SRKN14a]"), 20_000)
 figure, axes = plt.subplots(figsize=(6.4, 3.8), dpi=80, layout="constrained")
 for name, (solver, evaluations, colour, mark) in SOLVERS.items():
     counts = (625, 1250, 2500, 5000, 10_000)
@@ -139,9 +139,9 @@ def sideways(t, y, args, **kwargs):
     return ml.so3.to_matrix(y.attitude)[0, 2]
 
 
-tolerances = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=0.75))
+tolerances = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.diffrax.RotationNorm(momentum=0.75))
 stopped = run(
-    ml.LieSolver("JACOBI[SRKN6b]", dense="step"),
+    ml.diffrax.LieSolver("JACOBI[SRKN6b]", dense="step"),
     0.01,
     20.0,
     diffrax.SaveAt(t1=True),
@@ -172,10 +172,10 @@ grid = diffrax.StepTo(ts=jnp.linspace(0.0, 2.0, 201))  # steps of 0.01 s
 def rates(factors, adjoint, times=readings):
     """The rates for the true moment and weight times `factors`."""
     moments = MOMENTS * jnp.stack([factors[0], 1.0, 1.0])
-    weighed = ml.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
+    weighed = ml.diffrax.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
     solution = diffrax.diffeqsolve(
         weighed,
-        ml.LieSolver("LIEMID[EA]"),
+        ml.diffrax.LieSolver("LIEMID[EA]"),
         0.0,
         2.0,
         None,

@@ -104,7 +104,7 @@ for name, found, true in zip(("I1", "I2", "I3"), clean.values["moments"], publis
 def fitted_motion(result, at):
     """Angular velocity (n, 3) of the fitted brick in degrees per second."""
     body, _, start = model(result.values)
-    return np.rad2deg(ml.angular_velocity(body, ml.free_motion(body, start, at).states))
+    return np.rad2deg(ml.observe.angular_velocity(body, ml.free_motion(body, start, at).states))
 
 
 def picture(result, values, title, unit, factor):
@@ -150,7 +150,7 @@ def disagreement(moments):
     """Root mean square of model minus data over the thirteen rows, in degrees per second."""
     body = ml.RigidBody(moments)
     start = ml.MomentumState(body.momentum(jnp.asarray(rates[0])))
-    rows = ml.angular_velocity(body, ml.free_motion(body, start, times).states)
+    rows = ml.observe.angular_velocity(body, ml.free_motion(body, start, times).states)
     return jnp.rad2deg(jnp.sqrt(jnp.mean((rows - rates) ** 2)))
 
 

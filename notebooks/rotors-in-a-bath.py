@@ -140,7 +140,7 @@ def correlation(observable, lags, friction, dt, every):
     return ml.ensemble("JACOBI[BAOAB]", sphere, bath, start, **run).states
 
 
-velocity = correlation(ml.observe.AngularVelocity(), 40, weak, dt=0.2, every=1)
+velocity = correlation(ml.observe.angular_velocity, 40, weak, dt=0.2, every=1)
 axis = correlation(ml.observe.Axis(), 20, strong, dt=0.05, every=20)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8))
@@ -228,5 +228,6 @@ print(f"<cos theta> = {value:.3f}; its derivative {slope:.3f}, theory {1 / field
 
 # %% [markdown]
 # Things to try: a friction that is larger along one axis (`friction=[...]` or a tensor); a temperature that falls with
-# time (`kT=lambda t: ...`), which anneals the dipoles; a dumbbell on an `AxisState`, `ml.Rotor(across, along)`, in half
-# the time; bodies that travel (`linear_friction`) or act on each other. [Heat](../docs/heat.md) tells the rest.
+# time (`kT=lambda t: ...`), which anneals the dipoles; a dumbbell on an `AxisState`, `ml.SymmetricRotor(across,
+# along)`, in half the time; bodies that travel (`linear_friction`) or act on each other. [Heat](../docs/heat.md) tells
+# the rest.

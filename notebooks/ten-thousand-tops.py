@@ -68,7 +68,7 @@ print(f"{np.sum(r < 1)} of {len(r)} tops are below the limit")
 
 # %%
 run = {"dt": 0.02, "steps": 1500, "save_every": 10}
-look = {"axis": ml.observe.Axis(), "energy": ml.observe.Energy()}
+look = {"axis": ml.observe.Axis(), "energy": ml.observe.energy}
 path = ml.ensemble("SYMMETRIC[CHIN4A]", tops, gravity, starts, **run, observe=look)
 tilt = np.degrees(np.arccos(np.clip(path.states["axis"][..., 2], -1, 1)))  # (10000, 151)
 energy = np.asarray(path.states["energy"])
@@ -135,7 +135,7 @@ def moved(momenta, **run):
 
 
 polhodes = np.asarray(moved(around, dt=0.25, steps=1200, save_every=1).momentum) / LENGTH  # on the unit sphere
-kinetic = np.asarray(ml.kinetic_energy(BODY, ml.MomentumState(around)))  # joules
+kinetic = np.asarray(ml.observe.kinetic_energy(BODY, ml.MomentumState(around)))  # joules
 near = np.mean(np.abs(polhodes[:, :, 1]) > np.cos(np.radians(30)), axis=1)
 
 # %% [markdown]
@@ -199,9 +199,9 @@ plt.show()
 # moment at which $\Pi_2$ changes its sign. How long does it take from one flip to the next?
 #
 # Let $T$ be the kinetic energy and $L$ the length of the momentum. The *distance from the separatrix* is
-# $\varepsilon = |2 T I_2 / L^2 - 1|$. The motion has a closed form in elliptic functions, and `ml.tumble` knows its
-# periods: in one turn of the momentum seen from the body, `rotation_period`, the body flips twice. Near the separatrix
-# the time between flips is $\ln(1/\varepsilon) / \lambda$ and a constant, with the rate
+# $\varepsilon = |2 T I_2 / L^2 - 1|$. The motion has a closed form in elliptic functions, and `ml.asteroids.tumble`
+# knows its periods: in one turn of the momentum seen from the body, `rotation_period`, the body flips twice. Near the
+# separatrix the time between flips is $\ln(1/\varepsilon) / \lambda$ and a constant, with the rate
 #
 # $$ \lambda = \frac{L}{I_2} \sqrt{\frac{(I_3 - I_2)(I_2 - I_1)}{I_1 I_3}}, $$
 #
@@ -220,7 +220,7 @@ flipped = changes.sum(axis=1) >= 2
 places = np.argsort(~changes[flipped], axis=1, kind="stable")[:, :2]  # of the first two changes of sign
 before, after = (np.take_along_axis(second[flipped], places + k, axis=1) for k in (0, 1))
 measured = np.diff(0.2 * (places + before / (before - after)), axis=1)[:, 0]  # by straight lines
-expected = np.asarray(ml.tumble(BODY, ml.MomentumState(momenta)).rotation_period)[flipped] / 2
+expected = np.asarray(ml.asteroids.tumble(BODY, ml.MomentumState(momenta)).rotation_period)[flipped] / 2
 print(f"{np.sum(flipped)} of {len(flipped)} bodies flipped at least twice in 180 s")
 print(f"largest relative difference from the closed form: {np.max(np.abs(measured / expected - 1)):.0e}")
 

@@ -154,7 +154,7 @@ for name in ("LIEMID[EA]", "LIEMID[I]", "SW"):
 
 # %%
 free = ml.integrate("LIEMID[EA]", TOP, None, START, dt=0.1, steps=1_000_000, save_every=10_000)
-spatial = ml.spatial_momentum(free.states)
+spatial = ml.observe.spatial_momentum(free.states)
 change = jnp.linalg.norm(spatial - spatial[0], axis=1).max() / jnp.linalg.norm(spatial[0])
 print(f"relative change of R Pi in a million steps: {change:.1e}")
 
@@ -210,7 +210,7 @@ test = scenes.scene("drift-test")
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
 for label, (method, colour, up) in FLIGHTS.items():
     path = ml.integrate(method, test.body, test.torque, test.start, dt=test.dt, steps=test.steps)
-    energies = np.asarray(ml.energy(test.body, test.torque, path))
+    energies = np.asarray(ml.observe.energy(test.body, test.torque, path))
     means = (energies[1:] - energies[0]).reshape(40, -1).mean(axis=1)
     times = (np.arange(40) + 0.5) * test.duration / 40
     axes.plot(times, means, color=colour)

@@ -44,7 +44,7 @@ RUNS = (
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
 for label, method, dt, colour in RUNS:
     path = ml.integrate(method, compass.body, compass.torque, compass.start, dt=dt, steps=400)
-    energy, times, shown = ml.energy(compass.body, compass.torque, path), path.times, int(path.first_bad)
+    energy, times, shown = ml.observe.energy(compass.body, compass.torque, path), path.times, int(path.first_bad)
     errors = np.abs(energy / energy[0] - 1)
     axes.semilogy(times[1:shown], np.maximum(errors[1:shown], 1e-16), color=colour, linewidth=1)
     axes.annotate(label, (times[shown - 1], errors[shown - 1]), (10, 0), textcoords="offset points", color=colour)
@@ -127,7 +127,7 @@ for dtype, colour in ((jnp.float32, ORANGE), (jnp.float64, BLUE)):
     start = ml.MomentumState(momenta)
     path = ml.ensemble("JACOBI[EA]", body, None, start, dt=0.1, steps=200_000, save_every=100)
     double = ml.RigidBody(jnp.asarray(body.moments, float))  # the energy itself is computed in float64
-    kinetic = ml.kinetic_energy(double, ml.MomentumState(jnp.asarray(path.states.momentum, float)))
+    kinetic = ml.observe.kinetic_energy(double, ml.MomentumState(jnp.asarray(path.states.momentum, float)))
     error = np.sqrt(np.mean((kinetic[:, counts] / kinetic[:, :1] - 1) ** 2, axis=0))
     axes.loglog(100 * counts, error, color=colour, marker="o")
     axes.annotate(dtype.__name__, (100 * counts[-1], error[-1]), (6, -3), textcoords="offset points", color=colour)

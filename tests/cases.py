@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax._xla.platform import on_cpu
-from midlie_jax.methods.flights import FLIGHTS
-from midlie_jax.methods.registry import ENTRIES
-from midlie_jax.methods.runge_kutta import RungeKutta
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.flights import FLIGHTS
+from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.runge_kutta import RungeKutta
+from midlie_jax.integrators.splitting import Splitting
 
 # Methods are chosen here by what they are. A new one in the registry is in every law.
 METHODS = [entry.method for entry in ENTRIES.values() if issubclass(ml.RigidBody, entry.method.bodies)]

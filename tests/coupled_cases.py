@@ -48,7 +48,7 @@ class Kind(NamedTuple):
 
     def body(self, dtype: Any = "float64") -> Any:
         moments = jnp.asarray(self.moments, dtype)
-        turning = ml.Rotor(moments[:, 0], moments[:, 2]) if self.axes else ml.RigidBody(moments)
+        turning = ml.SymmetricRotor(moments[:, 0], moments[:, 2]) if self.axes else ml.RigidBody(moments)
         return ml.FreeBody(turning, jnp.asarray(self.mass, dtype)) if self.travels else turning
 
     def of(self, free: ml.CoupledState) -> Any:

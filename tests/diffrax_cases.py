@@ -35,9 +35,9 @@ def spring(args):
 
 
 ARGS = (jnp.asarray(CASE.weight), jnp.asarray(CASE.strength))
-TERM = ml.RigidBodyTerm(BODY, torque_of_args=forces)
-SYMMETRIC = ml.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
-SPRINGS = ml.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
+TERM = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=forces)
+SYMMETRIC = ml.diffrax.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
+SPRINGS = ml.diffrax.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
 DOTS = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
 
 
@@ -53,7 +53,7 @@ def problem(name):
 
 
 def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
-    solver = ml.LieSolver(solver) if isinstance(solver, str) else solver
+    solver = ml.diffrax.LieSolver(solver) if isinstance(solver, str) else solver
     return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midlie_jax.methods import schemes, tableau
+from midlie_jax.integrators import schemes, tableau
 
 LONG = np.longdouble
 _PARTS, _ITERATIONS = 12, 12

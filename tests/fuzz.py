@@ -34,7 +34,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 import midlie_jax as ml
-from midlie_jax.methods.runge_kutta import RungeKutta
+from midlie_jax.integrators.runge_kutta import RungeKutta
 
 ROWS, STEPS = 192, 2
 FLIGHTS = list(extended.FLIGHTS)

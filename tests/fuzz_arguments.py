@@ -70,13 +70,13 @@ PARTS = {
     "Prescribed": (ml.torques.Prescribed, {"function": lambda t: jnp.ones(3)}),
     "Held": (ml.torques.Held, {"values": np.ones((2, 3)), "dt": 0.1, "t0": 0.0}),
     "Pulses": (ml.torques.Pulses, {"starts": [0.0, 1.0], "width": 0.1, "torque": [0.0, 0.0, 1.0]}),
-    "ReactionWheels": (ml.torques.ReactionWheels, {"momentum": lambda t: jnp.ones(3)}),
+    "ReactionWheels": (ml.spacecraft.ReactionWheels, {"momentum": lambda t: jnp.ones(3)}),
     "Sum": (lambda one, two: ml.torques.Sum(one, two), {"one": TORQUES[1], "two": TORQUES[3]}),
     "method": (ml.method, {"name": "JACOBI", "scheme": "EA"}),
     "Scheme": (ml.schemes.Scheme, {"name": "mine", "order": 1, "stages": (("kick", 1.0), ("flight", 1.0))}),
-    "energy": (ml.energy, {"body": BODIES[0], "torque": TORQUES[1], "motion": STATES[0], "t": None}),
-    "velocity": (ml.spatial_angular_velocity, {"body": BODIES[0], "state": STATES[0]}),
-    "PDControl": (ml.torques.PDControl, {"target": [1.0, 0, 0, 0], "proportional": 1.0, "derivative": 1.0}),
+    "energy": (ml.observe.energy, {"body": BODIES[0], "torque": TORQUES[1], "motion": STATES[0], "t": None}),
+    "velocity": (ml.observe.spatial_angular_velocity, {"body": BODIES[0], "state": STATES[0]}),
+    "PDControl": (ml.spacecraft.PDControl, {"target": [1.0, 0, 0, 0], "proportional": 1.0, "derivative": 1.0}),
     "KeplerOrbit": (ml.orbits.KeplerOrbit, {"position": [1.0, 0, 0], "velocity": [0.0, 1, 0], "mu": 1.0}),
 }
 

@@ -21,8 +21,8 @@ from cases import METHODS, setup, suited
 from fifty_digits import exact, in_fifty_digits
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators import schemes
+from midlie_jax.integrators.splitting import Splitting
 
 FILE = Path(__file__).with_suffix(".json")
 STEPS = 10_000  # of methods with one or two flights a step; of others so many flights

@@ -51,7 +51,7 @@ def tops(where):
 def orbit(where):
     """With inputs that all bodies share."""
     ellipse = ml.orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 1.1, 0.0], 1.0)
-    torque = ml.torques.GravityGradient(jnp.array([1.0, 1.5, 2.0]), ellipse, 1.0)
+    torque = ml.spacecraft.GravityGradient(jnp.array([1.0, 1.5, 2.0]), ellipse, 1.0)
     body = ml.RigidBody(jnp.array([1.0, 1.5, 2.0]))
     return ml.ensemble("JACOBI[EA]", body, torque, START, dt=0.05, steps=20, chunk=6, mesh=where)
 
@@ -82,7 +82,7 @@ def explicit():
     """Arrays that are spread beforehand, and a mesh whose axes are part of every array's type."""
     spread = NamedSharding(mesh(4), P("bodies"))
     start = jax.tree.map(lambda x: jax.device_put(x[:48], spread), START)
-    body, torque = ml.RigidBody(BODY.moments[:48]), ml.torques.HeavyTop(TOP.weight[:48])
+    body, torque = ml.RigidBody(BODY.moments[:48]), ml.torques.HeavyTop(TOP.mgl[:48])
     run = {"dt": 0.05, "steps": 20, "chunk": 6}
     found = ml.ensemble("SYMMETRIC[EA]", body, torque, start, **run, mesh=mesh(4, AxisType.Explicit))
     alone = ml.ensemble("SYMMETRIC[EA]", BODY, TOP, START, **run)
@@ -96,7 +96,7 @@ def integrated(body, torque, start):
 
 def with_variable_steps(body, torque, start):
     run = {"density": ml.densities.Spin([1.0, 1.0, 2.0], reference=3.0, floor=1.0), "dt": 0.05, "steps": 20}
-    return ml.integrate_adaptive("JACOBI[EA]", body, torque, start, **run).states
+    return ml.integrate_variable_step("JACOBI[EA]", body, torque, start, **run).states
 
 
 def carries(body, torque, start):
@@ -109,7 +109,7 @@ def ensemble_of(body, torque, start):
 
 
 def mean_of(body, torque, start):
-    observe = ml.observe.Mean(ml.observe.Energy())
+    observe = ml.observe.Mean(ml.observe.energy)
     return ml.ensemble("JACOBI[EA]", body, torque, start, dt=0.05, steps=20, observe=observe).states
 
 

@@ -62,7 +62,7 @@ MUTANTS = {
         "test_paths.py -k slope",
     ),
     "mutual potential": Mutant(
-        "model/torques/mutual.py",
+        "asteroids/mutual_gravity.py",
         "total + 0.125 * weight",
         "total + 0.25 * weight",
         "test_mutual_gravity.py test_paths.py -k slope",
@@ -74,65 +74,68 @@ MUTANTS = {
         "test_torques.py test_orbits.py test_api_examples.py",
     ),
     "rod": Mutant(
-        "model/torques/rod.py",
+        "molecules/rod_torque.py",
         "cp.scale(0.5, cp.cross(lever, rodrigues))",
         "cp.scale(1.0, cp.cross(lever, rodrigues))",
         "test_paths.py -k slope",
     ),
     "Dzyaloshinskii-Moriya": Mutant(
-        "model/torques/neighbours.py",
+        "spins/neighbours.py",
         "cp.subtract(near(axis, 1), near(axis, -1))",
         "cp.add(near(axis, 1), near(axis, -1))",
         "test_paths.py -k slope",
     ),
     "eddy currents": Mutant(
-        "model/torques/eddy.py",
+        "spacecraft/eddy_currents.py",
         "cp.cross(self._times(induced), field)",
         "cp.cross(field, self._times(induced))",
         "test_sunlight.py -k eddy",
     ),
     "sunlight": Mutant(
-        "model/torques/sunlight.py",
+        "asteroids/sunlight.py",
         "2 * surface.areas * specular",
         "surface.areas * specular",
         "test_sunlight.py test_api_examples.py",
     ),
     "thin gas": Mutant(
-        "model/torques/rarefied.py",
+        "spacecraft/free_molecular_drag.py",
         "(thermal * thermal) / 2 * z",
         "(thermal * thermal) * z",
         "test_surface.py test_sunlight.py test_api_examples.py",
     ),
     "points": Mutant(
-        "model/sites.py",
+        "molecules/points.py",
         "jnp.sum(masses[:, None] * places, axis=0, keepdims=True)",
         "jnp.mean(places, axis=0, keepdims=True)",
         "test_sites.py test_api_examples.py",
     ),
     # methods
     "JACOBI": Mutant(
-        "methods/flights/jacobi.py", "1 - 2 * square * sine * sine", "1 - square * sine * sine", "test_flights.py"
+        "integrators/flights/jacobi.py", "1 - 2 * square * sine * sine", "1 - square * sine * sine", "test_flights.py"
     ),
     "SYMMETRIC": Mutant(
-        "methods/flights/symmetric.py",
+        "integrators/flights/symmetric.py",
         "h / 2 * ((c - a) * momentum[2])",
         "h / 2 * ((c + a) * momentum[2])",
         "test_flights.py",
     ),
     "LIEMID": Mutant(
-        "methods/flights/lie_midpoint.py", "cp.scale(2 * factor, u)", "cp.scale(2.001 * factor, u)", "test_flights.py"
+        "integrators/flights/lie_midpoint.py",
+        "cp.scale(2 * factor, u)",
+        "cp.scale(2.001 * factor, u)",
+        "test_flights.py",
     ),
     "DLM": Mutant(
-        "methods/flights/three_axis.py",
+        "integrators/flights/three_axis.py",
         "((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))",
         "((2, 0.5), (1, 0.5), (0, 1.0), (2, 0.5), (1, 0.5))",
         "test_flights.py",
     ),
     "CHIN4A": Mutant(
-        "methods/schemes.py", "(0.0, 1 / 48, 0.0)", "(0.0, 1 / 24, 0.0)", "test_schemes.py test_order_conditions.py"
+        "integrators/schemes.py", "(0.0, 1 / 48, 0.0)", "(0.0, 1 / 24, 0.0)", "test_schemes.py test_order_conditions.py"
     ),
     "bath in a step of no length": Mutant(
-        "methods/splitting.py",
+        "integrators/splitting.py",
         "jnp.where(self.h == 0, old, new)",
         "jnp.where(self.h < 0, old, new)",
         "test_paths.py -k bath",
@@ -152,7 +155,7 @@ MUTANTS = {
         "test_ensemble.py",
     ),
     "adaptive clock": Mutant(
-        "drivers/adaptive.py", "clock.half + dt / 2 * slope", "clock.half + dt * slope", "test_adaptive.py"
+        "drivers/variable_step.py", "clock.half + dt / 2 * slope", "clock.half + dt * slope", "test_adaptive.py"
     ),
     "merged covariance": Mutant(
         "drivers/observe/statistics.py",
@@ -177,13 +180,13 @@ MUTANTS = {
         "test_scatter.py",
     ),
     "stability limit": Mutant(
-        "methods/limits.py",
+        "integrators/limits.py",
         "(1 - 2 * next(weights, 0.0) * x * x)",
         "(1 - next(weights, 0.0) * x * x)",
         "test_limits.py",
     ),
     "periods of tumbling": Mutant(
-        "model/tumbling.py",
+        "asteroids/tumbling_motion.py",
         "return shape.precession * shape.period / (2 * pi)",
         "return shape.precession * shape.period / pi",
         "test_tumbling.py",

@@ -63,7 +63,9 @@ def adaptive(body, weight, start):
     def density(t, state):
         return 1 + weight * jnp.sum(state.momentum**2)
 
-    path = ml.integrate_adaptive("LIEMID[EA]", body, leaf(weight), start, density=density, dt=0.02, t1=0.1, steps=64)
+    path = ml.integrate_variable_step(
+        "LIEMID[EA]", body, leaf(weight), start, density=density, dt=0.02, t1=0.1, steps=64
+    )
     return path.times, path.states, path.ok, path.taken
 
 

@@ -15,9 +15,9 @@ from cases import turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.methods.registry import ENTRIES
-from midlie_jax.methods.schemes import SCHEMES
-from midlie_jax.methods.stages import BATH
+from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.schemes import SCHEMES
+from midlie_jax.integrators.stages import BATH
 
 torques, orbits = ml.torques, ml.orbits
 DT, T0, BODIES = 1 / 64, 0.3, 3
@@ -56,9 +56,9 @@ def starts_of(start: Any, count: int) -> Any:
     """`count` different initial states: row 0 is `start`. Spins are rotated, other momenta are scaled."""
 
     def row(i: int) -> Any:
-        if isinstance(start, ml.SpinState):
+        if isinstance(start, ml.spins.SpinState):
             rotation = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.0, 0.05 * (i % 7), 0.0], start.spin.dtype)))
-            return ml.SpinState(jnp.einsum("ij,...j->...i", rotation, start.spin))
+            return ml.spins.SpinState(jnp.einsum("ij,...j->...i", rotation, start.spin))
         return eqx.tree_at(lambda s: s.momentum, start, start.momentum * (1 - 0.03 * (i % 7)))
 
     return jax.tree.map(lambda *x: jnp.stack(x), *map(row, range(count)))
@@ -95,7 +95,7 @@ def _rows(count: int, of_axes: bool = False) -> tuple[Any, ...]:
 
 def _coupled(count: int, of_axes: bool, travels: bool) -> tuple[Any, Any]:
     moments = np.array([1.0, 1.3, 1.5]) * np.linspace(1, 1.4, count)[:, None]
-    body: Any = ml.Rotor(moments[:, 1], moments[:, 0]) if of_axes else ml.RigidBody(moments)
+    body: Any = ml.SymmetricRotor(moments[:, 1], moments[:, 0]) if of_axes else ml.RigidBody(moments)
     kinds = {
         (False, False): ml.CoupledRigidState,
         (True, False): ml.CoupledAxisState,
@@ -107,9 +107,9 @@ def _coupled(count: int, of_axes: bool, travels: bool) -> tuple[Any, Any]:
     return (ml.FreeBody(body, np.linspace(1.0, 1.5, count)) if travels else body), start
 
 
-def spins_on(*lattice: int) -> ml.SpinState:
+def spins_on(*lattice: int) -> ml.spins.SpinState:
     spin = np.random.default_rng(3).normal(size=(*lattice, 3))
-    return ml.SpinState(spin / np.linalg.norm(spin, axis=-1, keepdims=True))
+    return ml.spins.SpinState(spin / np.linalg.norm(spin, axis=-1, keepdims=True))
 
 
 # Name: body and start.
@@ -120,10 +120,10 @@ STATES: dict[str, tuple[Any, Any]] = {
     "momentum": (RIGID, ml.MomentumState(MOMENTUM)),
     "direction": (RIGID, ml.DirectionState(MOMENTUM, AXIS)),
     "compensated": (RIGID, ml.CompensatedState(MOMENTUM, TURN)),
-    "axis": (ml.Rotor(1.6, 1.0), ml.AxisState(MOMENTUM, AXIS)),
+    "axis": (ml.SymmetricRotor(1.6, 1.0), ml.AxisState(MOMENTUM, AXIS)),
     "free": (ml.FreeBody(RIGID, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
     "free tensor": (ml.FreeBody(TENSOR, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
-    "free axis": (ml.FreeBody(ml.Rotor(1.6, 1.0), 1.5), ml.FreeAxisState(MOMENTUM, AXIS, LINEAR, POSITION)),
+    "free axis": (ml.FreeBody(ml.SymmetricRotor(1.6, 1.0), 1.5), ml.FreeAxisState(MOMENTUM, AXIS, LINEAR, POSITION)),
     "free top": (ml.FreeBody(TOP, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
     "two": _coupled(2, False, True),
     "five": _coupled(5, False, True),
@@ -134,8 +134,8 @@ STATES: dict[str, tuple[Any, Any]] = {
     "two free axes": _coupled(2, True, True),
     "five free axes": _coupled(5, True, True),
     "particles": (ml.Particles([[1.0], [2.0]]), ml.ParticleState(0.3 * np.ones((2, 3)), np.eye(3)[:2])),
-    "spins": (ml.Spins(), spins_on(4)),
-    "lattice": (ml.Spins(damping=0.2, sublattices=ml.checkerboard((2, 4))), spins_on(2, 4)),
+    "spins": (ml.spins.Spins(), spins_on(4)),
+    "lattice": (ml.spins.Spins(damping=0.2, sublattices=ml.spins.checkerboard((2, 4))), spins_on(2, 4)),
 }
 
 
@@ -168,7 +168,7 @@ def spring(t: Any, state: Any) -> Any:
 def torque_for(state: str) -> Any:
     """The torque on a kind of state in the scenes of methods and states."""
     if state in ("spins", "lattice"):
-        return torques.Exchange(0.4) + torques.AppliedField([0.1, 0.2, 0.7])
+        return ml.spins.Exchange(0.4) + ml.spins.AppliedField([0.1, 0.2, 0.7])
     if state == "momentum":
         return torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), t, 0.3 * jnp.ones_like(t)]))
     if state == "particles":
@@ -192,7 +192,7 @@ TABLE = orbits.TableOrbit(_TIMES, np.stack([np.cos(_TIMES), np.sin(_TIMES), 0.1 
 PRESCRIBED = torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), 0.3 * t, jnp.sin(2 * t)]))
 
 
-class Quartic(torques.OwnField):
+class Quartic(ml.spins.OwnField):
     strength: jax.Array
 
     def axes(self):
@@ -205,7 +205,7 @@ class Quartic(torques.OwnField):
         return -self.strength * spin[2] ** 4
 
 
-class Spiral(torques.SpinField):
+class Spiral(ml.spins.SpinField):
     strength: jax.Array
 
     def field(self, t, spin):
@@ -240,32 +240,35 @@ TORQUES: dict[str, tuple[str, Any]] = {
     "VelocityDependent": ("top", torques.VelocityDependent(lambda t, s: -0.4 * jnp.abs(s.momentum) * s.momentum)),
     "BodyTorque": ("tensor", torques.BodyTorque(lambda t, s, body: -0.4 * body.velocity(s.momentum))),
     "Damping": ("top", torques.Damping([0.2, 0.3, 0.4])),
-    "PDControl": ("top", torques.PDControl([0.8, 0.6, 0.0, 0.0], 0.9, 0.4)),
-    "ReactionWheels": ("top", torques.ReactionWheels(lambda t: jnp.stack([jnp.sin(t), 0.2 * t, 0.4 * t]))),
-    "Rotors": ("top", torques.Rotors([0.2, -0.4, 0.6])),
-    "EddyCurrents": ("top", torques.EddyCurrents(0.4, [0.2, 0.5, 0.9])),
-    "GravityGradient": ("top", torques.GravityGradient(None, CIRCULAR, 1.0)),
-    "GravityGradient, Kepler": ("top", torques.GravityGradient(None, KEPLER, 1.0)),
-    "GravityGradient, table": ("top", torques.GravityGradient(None, TABLE, 1.0)),
+    "PDControl": ("top", ml.spacecraft.PDControl([0.8, 0.6, 0.0, 0.0], 0.9, 0.4)),
+    "ReactionWheels": ("top", ml.spacecraft.ReactionWheels(lambda t: jnp.stack([jnp.sin(t), 0.2 * t, 0.4 * t]))),
+    "MomentumWheels": ("top", ml.spacecraft.MomentumWheels([0.2, -0.4, 0.6])),
+    "EddyCurrents": ("top", ml.spacecraft.EddyCurrents(0.4, [0.2, 0.5, 0.9])),
+    "GravityGradient": ("top", ml.spacecraft.GravityGradient(None, CIRCULAR, 1.0)),
+    "GravityGradient, Kepler": ("top", ml.spacecraft.GravityGradient(None, KEPLER, 1.0)),
+    "GravityGradient, table": ("top", ml.spacecraft.GravityGradient(None, TABLE, 1.0)),
     "DipoleField": ("top", torques.DipoleInField([0.4, 0.1, 0.8], orbits.DipoleField(KEPLER, [0.1, 0.2, 0.9], 1.0))),
     "Drag": ("top", torques.Drag([0.1, 0.0, 0.4], 0.8, 1.0, [0.9, 0.3, 0.0])),
-    "FreeMolecularDrag": ("top", torques.FreeMolecularDrag(SURFACE, 0.4, [0.9, 0.3, 0.2], wall_speed=0.3)),
-    "Sunlight": ("top", torques.Sunlight(SURFACE, [0.6, 0.0, 0.8], 2e8)),
+    "FreeMolecularDrag": ("top", ml.spacecraft.FreeMolecularDrag(SURFACE, 0.4, [0.9, 0.3, 0.2], wall_speed=0.3)),
+    "Sunlight": ("top", ml.asteroids.Sunlight(SURFACE, [0.6, 0.0, 0.8], 2e8)),
     "UniformGravity": ("free top", torques.UniformGravity([0.1, 0.0, -0.9])),
     "PointMass": ("free top", torques.PointMass(1.2)),
     "Oblateness": ("free top", torques.PointMass(1.2) + torques.Oblateness(1.2, 0.4, 0.2)),
     "Magnus": ("free top", torques.Magnus(0.3)),
-    "Thrust": ("free top", torques.Thrust([0.1, 0.2, 0.4], [0.3, 0.0, -0.2])),
-    "Wrench": ("free axis", lambda t, s: ml.Wrench(jnp.cross(s.axis, jnp.stack([t, t, 1 + t])), -0.5 * s.position)),
-    "MutualGravity": ("two", torques.MutualGravity(0.5, degree=4)),
-    "MutualGravity, many": ("five", torques.MutualGravity(0.3)),
-    "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + torques.MutualGravity(0.3)),
-    "Rod": ("five", torques.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),
-    "AppliedField": ("spins", torques.AppliedField([0.1, 0.2, 0.7])),
-    "Exchange": ("spins", torques.Exchange(0.4)),
-    "DzyaloshinskiiMoriya": ("spins", torques.DzyaloshinskiiMoriya([[0.1, 0.2, 0.3]])),
-    "Anisotropy": ("spins", torques.Anisotropy(0.4)),
-    "CubicAnisotropy": ("spins", torques.CubicAnisotropy(0.4)),
+    "Thrust": ("free top", ml.spacecraft.Thrust([0.1, 0.2, 0.4], [0.3, 0.0, -0.2])),
+    "Wrench": (
+        "free axis",
+        lambda t, s: ml.torques.Wrench(jnp.cross(s.axis, jnp.stack([t, t, 1 + t])), -0.5 * s.position),
+    ),
+    "MutualGravity": ("two", ml.asteroids.MutualGravity(0.5, degree=4)),
+    "MutualGravity, many": ("five", ml.asteroids.MutualGravity(0.3)),
+    "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + ml.asteroids.MutualGravity(0.3)),
+    "Rod": ("five", ml.molecules.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),
+    "AppliedField": ("spins", ml.spins.AppliedField([0.1, 0.2, 0.7])),
+    "Exchange": ("spins", ml.spins.Exchange(0.4)),
+    "DzyaloshinskiiMoriya": ("spins", ml.spins.DzyaloshinskiiMoriya([[0.1, 0.2, 0.3]])),
+    "Anisotropy": ("spins", ml.spins.Anisotropy(0.4)),
+    "CubicAnisotropy": ("spins", ml.spins.CubicAnisotropy(0.4)),
     "OwnField": ("spins", Quartic(jnp.array(0.3))),
     "SpinField": ("spins", Spiral(jnp.array(0.3))),
 }
@@ -282,7 +285,7 @@ def langevin(state: str, kT: Any = 0.7, friction: Any = 0.8) -> Any:
 
 
 def thermal(key: Any) -> Any:
-    return torque_for("lattice") + torques.ThermalField(0.3, key)
+    return torque_for("lattice") + ml.spins.ThermalField(0.3, key)
 
 
 def with_field(bath: Any, torque: Any) -> Any:
@@ -333,7 +336,7 @@ def default_method(state: str, scheme: str = "EA") -> str:
 def _state_of(method: Any) -> str:
     """The kind of state of the scene of a registered method."""
     bodies = getattr(method, "bodies", ml.RigidBody)
-    if issubclass(bodies, ml.Spins):
+    if issubclass(bodies, ml.spins.Spins):
         return "lattice" if method.random else "spins"
     if issubclass(bodies, ml.Particles):
         return "particles"

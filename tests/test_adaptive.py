@@ -32,7 +32,7 @@ def integrate(name, s, dt, t0, strength, rho=None, t1=None, **options):
     start = ml.RigidState(s.momentum, s.attitude)
     torque, density = jax.tree_util.Partial(beating, s.weight), jax.tree_util.Partial(lively, strength)
     given = {"steps": STEPS, "save_every": EVERY} | options
-    return ml.integrate_adaptive(
+    return ml.integrate_variable_step(
         name, ml.RigidBody(s.moments), torque, start, density=density, dt=dt, t0=t0, rho=rho, t1=t1, **given
     )
 
@@ -216,7 +216,7 @@ def planet(speed=0.5):
 
 def orbit(start, dt=0.05, density=by_distance, **options):
     body = ml.Particles(jnp.ones((), getattr(start, "like", start).momentum.dtype))
-    return ml.integrate_adaptive("Verlet", body, pull, start, density=density, dt=dt, **options)
+    return ml.integrate_variable_step("Verlet", body, pull, start, density=density, dt=dt, **options)
 
 
 def test_the_energy_of_an_eccentric_orbit_does_not_drift():
@@ -253,7 +253,7 @@ def test_a_carry_of_another_driver_is_refused():
     with pytest.raises(ValueError, match="t0 and rho must be left out"):
         orbit(part.carry, steps=2, rho=1.0)
     other = ml.integrate("Verlet", body, pull, planet(), dt=0.01, steps=2).carry
-    with pytest.raises(ValueError, match="must be the carry of an AdaptivePath"):
+    with pytest.raises(ValueError, match="must be the carry of a VariableStepPath"):
         orbit(other, steps=2)
     with pytest.raises(ValueError, match="variable steps"):
         ml.integrate("Verlet", body, pull, part.carry, dt=0.01, steps=2)
@@ -287,7 +287,9 @@ def test_float32_time_is_not_lost():
         return jnp.ones_like(t)
 
     body = ml.Particles(jnp.float32(1.0))
-    path = ml.integrate_adaptive("Verlet", body, None, state, density=even, dt=1e-3, steps=100_000, save_every=100_000)
+    path = ml.integrate_variable_step(
+        "Verlet", body, None, state, density=even, dt=1e-3, steps=100_000, save_every=100_000
+    )
     assert path.times.dtype == np.float32
     assert abs(path.times[-1] - 100) <= 2 * 100 * epsilon("float32")
 
@@ -357,6 +359,6 @@ def test_a_wrong_argument_is_named(changes, named):
 
 def test_a_method_that_is_not_symmetric_is_refused():
     with pytest.raises(ValueError, match="symmetric"):
-        ml.integrate_adaptive(
+        ml.integrate_variable_step(
             "symplectic Euler", ml.Particles(1.0), None, planet(jnp.array(0.5)), density=by_distance, dt=0.1, steps=1
         )

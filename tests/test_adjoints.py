@@ -245,8 +245,8 @@ SIDEWAYS = jnp.array([0.0, 1.1, 0.0])
 SURFACE = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
 TORQUES = {
     "a table": lambda number: lambda t, state: number * jnp.interp(t, SECONDS, SECONDS**2) * state.attitude[1:],
-    "an orbit": lambda mu: ml.torques.GravityGradient(None, ml.orbits.KeplerOrbit(SUN, SIDEWAYS, mu), mu),
-    "facets": lambda flux: ml.torques.Sunlight(SURFACE, SUN, flux, 0.3, 0.3, 0.2),
+    "an orbit": lambda mu: ml.spacecraft.GravityGradient(None, ml.orbits.KeplerOrbit(SUN, SIDEWAYS, mu), mu),
+    "facets": lambda flux: ml.asteroids.Sunlight(SURFACE, SUN, flux, 0.3, 0.3, 0.2),
     "a bath": lambda number: ml.torques.HeavyTop(number) + ml.torques.Langevin(number, number, jax.random.key(0)),
     "a weight": ml.torques.HeavyTop,
 }

@@ -13,7 +13,9 @@ from test_api_pages import ENTRIES, hooks
 
 import midlie_jax as ml
 
-WRITERS = {"midlie_jax.attitudes": "midlie_jax.attitudes.write"}  # its example writes the file that others read
+WRITERS = {
+    "midlie_jax.spacecraft.attitudes": "midlie_jax.spacecraft.attitudes.write"
+}  # its example writes the file that others read
 
 
 def assumed():

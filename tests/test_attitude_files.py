@@ -11,9 +11,9 @@ from cases import turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax import attitudes
-from midlie_jax.attitudes.epochs import Epoch
 from midlie_jax.cli.main import main
+from midlie_jax.spacecraft import attitudes
+from midlie_jax.spacecraft.attitudes.epochs import Epoch
 
 # Example G-4 of CCSDS 504.0-B-2, shortened by comments.
 QUATERNIONS = """\

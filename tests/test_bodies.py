@@ -120,7 +120,7 @@ def test_other_states_and_drivers_know_the_frame():
         return 1 + 0.1 * state.momentum[0] ** 2
 
     own, principal = (
-        ml.integrate_adaptive("LIEMID[EA*]", body, None, start, density=density, dt=0.05, steps=8, save_every=8)
+        ml.integrate_variable_step("LIEMID[EA*]", body, None, start, density=density, dt=0.05, steps=8, save_every=8)
         for body, start in ((BODY, START), (ml.TensorBody(jnp.diag(jnp.asarray(MOMENTS))), START))
     )
     assert own.ok
@@ -128,8 +128,8 @@ def test_other_states_and_drivers_know_the_frame():
     assert own.times[-1] != principal.times[-1]  # the density saw another momentum
 
     solution = diffrax.diffeqsolve(
-        ml.RigidBodyTerm(BODY, TOP),
-        ml.LieSolver("JACOBI[EA]"),
+        ml.diffrax.RigidBodyTerm(BODY, TOP),
+        ml.diffrax.LieSolver("JACOBI[EA]"),
         0.0,
         0.4,
         0.02,
@@ -138,9 +138,11 @@ def test_other_states_and_drivers_know_the_frame():
     )
     close(jax.tree.map(lambda x: x[-1], solution.ys), end)
     between = solution.evaluate(0.211)
-    np.testing.assert_allclose(ml.spatial_momentum(between)[2], ml.spatial_momentum(START)[2], atol=1e-4)
+    np.testing.assert_allclose(
+        ml.observe.spatial_momentum(between)[2], ml.observe.spatial_momentum(START)[2], atol=1e-4
+    )
     theirs = diffrax.diffeqsolve(
-        ml.RigidBodyTerm(BODY, TOP), diffrax.Dopri8(), 0.0, 0.4, 0.01, START, adjoint=diffrax.ForwardMode()
+        ml.diffrax.RigidBodyTerm(BODY, TOP), diffrax.Dopri8(), 0.0, 0.4, 0.01, START, adjoint=diffrax.ForwardMode()
     )
     close(jax.tree.map(lambda x: x[-1], theirs.ys), end, 1e-3)
 
@@ -148,11 +150,15 @@ def test_other_states_and_drivers_know_the_frame():
 @pytest.mark.sample(0)
 def test_energy_and_momentum_are_kept_in_any_frame():
     path = ml.integrate("JACOBI[SRKN14a]", BODY, TOP, START, dt=0.05, steps=200)
-    energy = ml.energy(BODY, TOP, path)
+    energy = ml.observe.energy(BODY, TOP, path)
     assert energy.shape == (201,)
     np.testing.assert_allclose(energy, energy[0], atol=1e-9)
-    np.testing.assert_allclose(energy[3], ml.energy(BODY, TOP, jax.tree.map(lambda x: x[3], path.states)), atol=1e-15)
-    np.testing.assert_allclose(ml.spatial_momentum(path.states)[:, 2], ml.spatial_momentum(START)[2], atol=1e-13)
+    np.testing.assert_allclose(
+        energy[3], ml.observe.energy(BODY, TOP, jax.tree.map(lambda x: x[3], path.states)), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        ml.observe.spatial_momentum(path.states)[:, 2], ml.observe.spatial_momentum(START)[2], atol=1e-13
+    )
 
 
 # ---- what is read off a motion ----
@@ -163,7 +169,7 @@ def test_angular_velocities(dtype):
     """The attitude turns by them: R' = R skew(Omega) = skew(omega) R, by differences of the closed flight."""
     body = ml.RigidBody(jnp.asarray(MOMENTS, dtype))
     start = jax.tree.map(lambda x: x.astype(dtype), START)
-    own, space = ml.angular_velocity(body, start), ml.spatial_angular_velocity(body, start)
+    own, space = ml.observe.angular_velocity(body, start), ml.observe.spatial_angular_velocity(body, start)
     np.testing.assert_allclose(own, start.momentum / MOMENTS.astype(dtype), rtol=4 * epsilon(dtype))
     np.testing.assert_allclose(space, so3.rotate(start.attitude, own), atol=4 * epsilon(dtype))
     if dtype == "float64":
@@ -174,15 +180,19 @@ def test_angular_velocities(dtype):
         turned = so3.log(so3.multiply(ahead, so3.conjugate(behind))) / (2 * h)
         np.testing.assert_allclose(turned, space, atol=1e-8)
     many = jax.tree.map(lambda x: jnp.tile(x, (2, 4, 1)), start)
-    assert ml.angular_velocity(body, many).shape == ml.spatial_angular_velocity(body, many).shape == (2, 4, 3)
+    assert (
+        ml.observe.angular_velocity(body, many).shape
+        == ml.observe.spatial_angular_velocity(body, many).shape
+        == (2, 4, 3)
+    )
     with pytest.raises(ValueError, match="needs the attitude"):
-        inspect.unwrap(ml.spatial_angular_velocity)(body, ml.MomentumState(start.momentum))
+        inspect.unwrap(ml.observe.spatial_angular_velocity)(body, ml.MomentumState(start.momentum))
 
 
 def orbiting(eccentricity):
     speed = (1 - eccentricity) ** 0.5
     orbit = ml.orbits.KeplerOrbit(jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, speed, 0.0]), 1.0)
-    return ml.torques.GravityGradient(None, orbit, 1.0)
+    return ml.spacecraft.GravityGradient(None, orbit, 1.0)
 
 
 @pytest.mark.sample(0)
@@ -190,24 +200,26 @@ def test_energy_asks_for_the_time_that_it_depends_on():
     """On an eccentric orbit; a path brings its own times, and a state must be given one."""
     body, torque = ml.RigidBody(jnp.asarray(MOMENTS)), orbiting(0.3)
     path = ml.integrate("JACOBI[EA]", body, torque, START, dt=0.05, steps=40, save_every=10)
-    energy = real(partial(ml.energy, body, torque))
+    energy = real(partial(ml.observe.energy, body, torque))
     curve = energy(path)
     each = [energy(jax.tree.map(lambda x, i=i: x[i], path.states), path.times[i]) for i in range(5)]
-    rounding = 4 * epsilon("float64") * float(jnp.max(ml.kinetic_energy(body, path.states)))  # of the largest term
+    rounding = (
+        4 * epsilon("float64") * float(jnp.max(ml.observe.kinetic_energy(body, path.states)))
+    )  # of the largest term
     np.testing.assert_allclose(curve, each, rtol=0, atol=rounding)
     np.testing.assert_allclose(energy(path.states, path.times), each, rtol=0, atol=rounding)
-    assert np.ptp(np.asarray(curve) - ml.energy(body, torque, path.states, 0.0)) > 1e-3
+    assert np.ptp(np.asarray(curve) - ml.observe.energy(body, torque, path.states, 0.0)) > 1e-3
     for motion in (path.states, START):
         with pytest.raises(ValueError, match="depends on time: give t"):
-            ml.energy(body, torque, motion)
+            ml.observe.energy(body, torque, motion)
     with pytest.raises(ValueError, match="a path has its own times"):
-        ml.energy(body, torque, path, 0.0)
+        ml.observe.energy(body, torque, path, 0.0)
     with pytest.raises(ValueError, match="motion must be a state or a path, got an array"):
-        inspect.unwrap(ml.energy)(body, torque, jnp.ones(3))
+        inspect.unwrap(ml.observe.energy)(body, torque, jnp.ones(3))
     with pytest.raises(ValueError, match="one body"):
-        ml.energy(ml.RigidBody(jnp.ones((5, 3))), None, START)
+        ml.observe.energy(ml.RigidBody(jnp.ones((5, 3))), None, START)
     with pytest.raises(ValueError, match=r"Map other axes with jax\.vmap"):
-        ml.energy(ml.RigidBody(jnp.ones((4, 3))), None, path)
+        ml.observe.energy(ml.RigidBody(jnp.ones((4, 3))), None, path)
 
 
 @pytest.mark.sample(0)
@@ -231,36 +243,38 @@ def test_of_many_bodies_with_many_states_each_is_that_of_each_state(kind):
         return np.array([[of_one(n, k) for k in range(3)] for n in range(3)])
 
     def one_energy(body, weight, state):
-        return ml.energy(body, ml.torques.HeavyTop(weight, (0.0, 0.6, 0.8)), state)
+        return ml.observe.energy(body, ml.torques.HeavyTop(weight, (0.0, 0.6, 0.8)), state)
 
     expected = each(one_energy)
     ends = jax.tree.map(lambda x: x[:, -1], path.states)
     for motion, wanted in ((path, expected), (path.states, expected), (ends, expected[:, -1])):
         for axes in ("auto", 0):
-            found = ml.energy(bodies, torque, motion, torque_axes=axes)
+            found = ml.observe.energy(bodies, torque, motion, torque_axes=axes)
             np.testing.assert_allclose(found, wanted, rtol=1e-13)
-    for function in (ml.kinetic_energy, ml.angular_velocity, ml.spatial_angular_velocity):
+    for function in (ml.observe.kinetic_energy, ml.observe.angular_velocity, ml.observe.spatial_angular_velocity):
         found = function(bodies, path.states)
         np.testing.assert_allclose(
             found, each(lambda body, _, state, f=function: f(body, state)), rtol=1e-13, atol=1e-15
         )
     shared = ml.torques.HeavyTop(2.0, (0.0, 0.6, 0.8))
-    found = ml.energy(bodies, shared, path)
-    np.testing.assert_allclose(found, each(lambda body, _, state: ml.energy(body, shared, state)), rtol=1e-13)
+    found = ml.observe.energy(bodies, shared, path)
+    np.testing.assert_allclose(found, each(lambda body, _, state: ml.observe.energy(body, shared, state)), rtol=1e-13)
 
 
 def test_energy_finds_the_arrays_of_a_torque_that_have_rows():
     """One body under several torques; and a torque of one body stays one, whatever the number of states."""
     body, weights = ml.RigidBody(jnp.asarray(MOMENTS)), jnp.array([1.0, 2.0])
     states = jax.tree.map(lambda x: jnp.tile(x, (2, 5, 1)), START)
-    found = ml.energy(body, ml.torques.HeavyTop(weights), states)
-    expected = [ml.energy(body, ml.torques.HeavyTop(weight), START) for weight in weights]
+    found = ml.observe.energy(body, ml.torques.HeavyTop(weights), states)
+    expected = [ml.observe.energy(body, ml.torques.HeavyTop(weight), START) for weight in weights]
     np.testing.assert_allclose(found, np.tile(np.array(expected)[:, None], (1, 5)), rtol=1e-14)
     dipole = ml.torques.DipoleInField([0.3, 1.0, -0.4], [0.0, 0.0, 1.5])
     three = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
-    np.testing.assert_allclose(ml.energy(body, dipole, three), [ml.energy(body, dipole, START)] * 3, rtol=1e-14)
-    with pytest.raises(ValueError, match=r"torque\.weight has 2 rows, but there are 3 bodies"):
-        ml.energy(body, ml.torques.HeavyTop(weights), three, torque_axes=0)
+    np.testing.assert_allclose(
+        ml.observe.energy(body, dipole, three), [ml.observe.energy(body, dipole, START)] * 3, rtol=1e-14
+    )
+    with pytest.raises(ValueError, match=r"torque\.mgl has 2 rows, but there are 3 bodies"):
+        ml.observe.energy(body, ml.torques.HeavyTop(weights), three, torque_axes=0)
 
 
 @pytest.mark.sample(0)
@@ -269,22 +283,22 @@ def test_energy_of_an_ensemble_and_of_particles():
     starts = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
     kept = ml.ensemble("JACOBI[EA]", body, orbiting(0.3), starts, dt=0.05, steps=4, save_every=2)
     ends = ml.ensemble("JACOBI[EA]", body, orbiting(0.3), starts, dt=jnp.array([0.05, 0.04, 0.03]), steps=4)
-    assert ml.energy(body, orbiting(0.3), kept).shape == (3, 3)
-    assert ml.energy(body, orbiting(0.3), ends).shape == (3,)
+    assert ml.observe.energy(body, orbiting(0.3), kept).shape == (3, 3)
+    assert ml.observe.energy(body, orbiting(0.3), ends).shape == (3,)
     spring = ml.torques.FromPotential(lambda t, state: jnp.sum(state.position**2))
     mass = ml.Particles(jnp.array([1.0, 2.0]))
     path = ml.integrate("Verlet", mass, spring, ml.ParticleState(jnp.ones(2), jnp.ones(2)), dt=0.01, steps=50)
-    energy = ml.energy(mass, spring, path)
+    energy = ml.observe.energy(mass, spring, path)
     assert energy.shape == (51,)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
     many = ml.ParticleState(jnp.ones((4, 2)), jnp.ones((4, 2)))
     with pytest.raises(ValueError, match="an ensemble of ParticleState map energy"):
-        ml.energy(mass, spring, ml.ensemble("Verlet", mass, spring, many, dt=0.01, steps=4, save_every=1))
+        ml.observe.energy(mass, spring, ml.ensemble("Verlet", mass, spring, many, dt=0.01, steps=4, save_every=1))
 
 
 def test_energies_of_large_numbers_do_not_overflow():
     body, state = ml.RigidBody(jnp.full(3, 1e25, jnp.float32)), ml.MomentumState(jnp.full(3, 1e25, jnp.float32))
-    assert ml.kinetic_energy(body, state) == pytest.approx(1.5e25, rel=1e-6)
+    assert ml.observe.kinetic_energy(body, state) == pytest.approx(1.5e25, rel=1e-6)
 
 
 def test_quaternions_of_other_programs():

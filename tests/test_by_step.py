@@ -10,7 +10,7 @@ from cases import CLASSES, ROTATION, by_turns, epsilon, quick, suited, worst
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.methods.system import System
+from midlie_jax.integrators.system import System
 from midlie_jax.model.torques.reads_body import ReadsBody
 
 HOLD, PARTS, INTERVALS = 0.3, 3, 4  # intervals of three steps
@@ -160,7 +160,7 @@ def by_diffrax(name, **options):
     import diffrax
 
     times = jnp.asarray(RUN["dt"] * np.arange(STEPS + 1))
-    term, solver = ml.RigidBodyTerm(body_of(), CONTROLS), ml.LieSolver(name)
+    term, solver = ml.diffrax.RigidBodyTerm(body_of(), CONTROLS), ml.diffrax.LieSolver(name)
     options = {"stepsize_controller": diffrax.StepTo(ts=times), "max_steps": STEPS} | options
     return last(diffrax.diffeqsolve(term, solver, times[0], times[-1], None, start_of(), **options).ys)
 
@@ -185,7 +185,7 @@ def backwards(name):
 def adaptively(name):
     """With a density of one: constant steps, whose ends are not those of the clock of a run, to rounding."""
     run = {**RUN, "density": lambda t, state: jnp.ones_like(t), "save_every": None}
-    return ml.integrate_adaptive(name, body_of(), CONTROLS, start_of(), **run).states
+    return ml.integrate_variable_step(name, body_of(), CONTROLS, start_of(), **run).states
 
 
 def in_parts(name, folder):
@@ -240,9 +240,9 @@ def test_a_controller_of_steps_keeps_the_impulse():
     import diffrax
 
     pulses = ml.torques.Pulses([0.31, 0.33, 2.0], 0.01, [0.0, 0.0, 2.0])
-    term, start = ml.RigidBodyTerm(body_of(), pulses), ml.RigidState([0.0, 0.0, 0.1], UP)
+    term, start = ml.diffrax.RigidBodyTerm(body_of(), pulses), ml.RigidState([0.0, 0.0, 0.1], UP)
     run = {"stepsize_controller": diffrax.PIDController(rtol=1e-5, atol=1e-5), "saveat": diffrax.SaveAt(steps=True)}
-    found = diffrax.diffeqsolve(term, ml.LieSolver("LIEMID[EA]"), 0.0, 5.0, 0.5, start, max_steps=512, **run)
+    found = diffrax.diffeqsolve(term, ml.diffrax.LieSolver("LIEMID[EA]"), 0.0, 5.0, 0.5, start, max_steps=512, **run)
     assert found.stats["num_accepted_steps"] < 400
     assert abs(float(found.ys.momentum[found.stats["num_accepted_steps"] - 1, 2]) - 0.16) < 1e-15
 
@@ -271,17 +271,21 @@ WITHIN = {
     "a sum": (lambda f: ml.torques.HeavyTop(0.5) + (f + ml.torques.Damping(0.1)), body_of(), start_of()),
     "a field of a class": (Pushed, body_of(), start_of()),
     "what reads the momentum": (ml.torques.VelocityDependent, body_of(), start_of()),
-    "an axis": (lambda f: f, ml.Rotor(2.0, 2.5), ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])),
-    "an engine": (lambda f: ml.torques.Thrust(f, [0.1, 0.0, 0.3]), ONE, ml.FreeState(jnp.ones(3), **free())),
+    "an axis": (lambda f: f, ml.SymmetricRotor(2.0, 2.5), ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])),
+    "an engine": (lambda f: ml.spacecraft.Thrust(f, [0.1, 0.0, 0.3]), ONE, ml.FreeState(jnp.ones(3), **free())),
     "two coupled bodies": (ml.torques.OnEach, ONE, coupled(2)),
     "many coupled bodies": (ml.torques.OnEach, ONE, coupled(20)),
-    "a field on spins": (ml.torques.AppliedField, ml.Spins(), ml.SpinState([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]])),
+    "a field on spins": (
+        ml.spins.AppliedField,
+        ml.spins.Spins(),
+        ml.spins.SpinState([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
+    ),
 }
 
 
 def ends(torque, body, start, **run):
-    method = "SUBLATTICES[EA]" if isinstance(start, ml.SpinState) else "LIEMID[EA]"
-    if isinstance(body, ml.Rotor):
+    method = "SUBLATTICES[EA]" if isinstance(start, ml.spins.SpinState) else "LIEMID[EA]"
+    if isinstance(body, ml.SymmetricRotor):
         method = "SYMMETRIC[EA]"
     path = ml.integrate(method, body, torque, start, **run, save_every=None)
     assert path.ok
@@ -302,7 +306,7 @@ def test_a_function_of_time_is_found_wherever_it_is_in_a_torque(case):
 
 @pytest.mark.sample(0)
 def test_values_can_be_wrenches_and_differ_between_coupled_bodies():
-    wrench = ml.Wrench(VALUES, RNG.normal(size=VALUES.shape))
+    wrench = ml.torques.Wrench(VALUES, RNG.normal(size=VALUES.shape))
     run = {"dt": HOLD / PARTS, "steps": STEPS}
     found = ends(ml.torques.Held(wrench, HOLD), ONE, ml.FreeState(jnp.zeros(3), **free()), **run)
     assert worst(found.linear, 0.3 + HOLD * wrench.force.sum(0)) < 1e-14

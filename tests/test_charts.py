@@ -17,7 +17,7 @@ from matplotlib.text import Text
 
 from midlie_jax.cli import charts, convergence, figures, run_chart, scenes
 from midlie_jax.cli.record import Record
-from midlie_jax.methods.registry import methods_of_figure_1
+from midlie_jax.integrators.registry import methods_of_figure_1
 
 NOTE = (
     "1024 bodies side by side, one core, float64. Errors against the Taylor series in 38 digits (heyoka, MPFR), good "

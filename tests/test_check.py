@@ -8,7 +8,7 @@ from cases import equal_moments, quick, whole
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.methods import limits
+from midlie_jax.integrators import limits
 from midlie_jax.model.torques import Damping, DipoleInField, HeavyTop, Prescribed
 
 BODY = ml.RigidBody([1.0, 1.0, 1.2])
@@ -43,7 +43,7 @@ def test_a_needle_next_to_the_inverted_position_is_as_fast_as_it_will_be():
     assert found.rate == pytest.approx(OMEGA)
     assert found.turn == pytest.approx(0.01 * 2 * OMEGA)
     path = ml.integrate(EA, BODY, NEEDLE, inverted, dt=0.01, steps=1000, save_every=1)
-    fastest = jnp.max(jnp.linalg.norm(ml.angular_velocity(BODY, path.states), axis=-1))
+    fastest = jnp.max(jnp.linalg.norm(ml.observe.angular_velocity(BODY, path.states), axis=-1))
     assert fastest == pytest.approx(found.turn / 0.01, rel=1e-3)
 
 
@@ -129,7 +129,7 @@ def test_the_suggested_step_was_tried(name, system, dt):
     assert found.suggested > 0
     path = ml.integrate(name, body, torque, start, dt=found.suggested, steps=10_000, save_every=10)
     assert path.ok
-    energies, kinetic = ml.energy(body, torque, path), ml.kinetic_energy(body, path.states)
+    energies, kinetic = ml.observe.energy(body, torque, path), ml.observe.kinetic_energy(body, path.states)
     scale = kinetic[0] + jnp.ptp(energies - kinetic)
     assert jnp.max(jnp.abs(energies - energies[0])) <= 0.6 * scale
     assert ml.check(name, body, torque, start, dt=found.suggested).sane
@@ -154,7 +154,7 @@ IN_TIME = {  # a torque, and whether it jumps where steps of 1/8 or 0.1 do not k
     "at ends of steps": (pushed(lambda t: t < 0.5), 1 / 8, True),
     "with the mean at the ends": (pushed(lambda t: t < 0.5, 0.5), 1 / 8, False),
     "a value for each step": (Prescribed(lambda t: TABLE[jnp.floor(t * 8).astype(int) % 100]), 1 / 8, True),
-    "a wrench": (lambda t, state: ml.Wrench(0 * PUSH, jnp.where(t % 3 < 0.02, PUSH, 0 * PUSH)), 0.1, True),
+    "a wrench": (lambda t, state: ml.torques.Wrench(0 * PUSH, jnp.where(t % 3 < 0.02, PUSH, 0 * PUSH)), 0.1, True),
     "steep": (Prescribed(lambda t: jnp.tanh(20 * jnp.sin(t)) * PUSH), 0.1, False),
     "pulses": (ml.torques.Pulses(3.0 * np.arange(9), 0.02, PUSH), 0.1, False),
     "controls": (ml.torques.Held(TABLE, 1 / 8) + HeavyTop(1.0), 1 / 8, False),
@@ -188,7 +188,7 @@ def test_a_torque_of_rounding_errors_does_not_jump():
     orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)
     start = ml.RigidState([0.0, 0.01, 8.0], [1.0, 0.0, 0.0, 0.0])
     found = ml.check(
-        EA, ml.RigidBody([80.0, 80.0, 120.0]), ml.torques.GravityGradient(None, orbit, 3.986e14), start, dt=2.0
+        EA, ml.RigidBody([80.0, 80.0, 120.0]), ml.spacecraft.GravityGradient(None, orbit, 3.986e14), start, dt=2.0
     )
     assert found.jump_error == 0
     assert found.sane

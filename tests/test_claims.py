@@ -16,8 +16,8 @@ from laboratory.claims.counting import work
 from laboratory.claims.measure import Bench
 
 import midlie_jax as ml
-from midlie_jax.methods.registry import ENTRIES
-from midlie_jax.methods.runge_kutta import RK4, RungeKutta
+from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.runge_kutta import RK4, RungeKutta
 
 script = benchmark("claims")
 

@@ -21,7 +21,7 @@ import midlie_jax as ml
 from midlie_jax.advice.program import Program
 from midlie_jax.cli import convergence, scenes, tables
 from midlie_jax.cli.main import main, read
-from midlie_jax.methods.registry import DEFAULT
+from midlie_jax.integrators.registry import DEFAULT
 
 BROKEN = "SW"
 ROOT = Path(__file__).resolve().parent.parent
@@ -50,7 +50,7 @@ def test_methods_lists_every_method_with_its_order():
 
 def test_run_takes_the_method_that_is_recommended():
     """The command knows its name by itself, so that its help needs no JAX."""
-    assert read(["run", "P1"]).method == DEFAULT == ml.LieSolver().method.name == ml.methods()[0]
+    assert read(["run", "P1"]).method == DEFAULT == ml.diffrax.LieSolver().method.name == ml.methods()[0]
 
 
 def test_scenes_lists_every_scene():

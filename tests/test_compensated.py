@@ -115,6 +115,6 @@ def test_invalid_low_parts_are_refused():
 
 
 def test_diffrax_refuses_it():
-    term = ml.RigidBodyTerm(ml.RigidBody([1.0, 2.0, 2.5]), None)
+    term = ml.diffrax.RigidBodyTerm(ml.RigidBody([1.0, 2.0, 2.5]), None)
     with pytest.raises(ValueError, match="use a RigidState"):
         diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, 1.0, 0.1, start_of(ml.CompensatedState))

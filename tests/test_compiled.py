@@ -11,10 +11,10 @@ import pytest
 from cases import METHODS, by_turns, loop_bodies, real
 
 import midlie_jax as ml
-from midlie_jax.methods.implicit import NewmarkBody
-from midlie_jax.methods.implicit.base import Implicit
-from midlie_jax.methods.runge_kutta import RungeKutta
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.implicit import NewmarkBody
+from midlie_jax.integrators.implicit.base import Implicit
+from midlie_jax.integrators.runge_kutta import RungeKutta
+from midlie_jax.integrators.splitting import Splitting
 
 BATCH = 517  # a number that nothing else in the program has
 

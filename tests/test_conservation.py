@@ -28,8 +28,8 @@ from cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax.methods import flights, schemes
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators import flights, schemes
+from midlie_jax.integrators.splitting import Splitting
 
 LONG, SAVE, BLOCKS = 1000, 10, 100
 ASYMMETRIC, SYMMETRIC = [0, 1, 2], [3, 4]

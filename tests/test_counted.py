@@ -79,7 +79,7 @@ def test_an_orbit_gives_the_same_bits(name, shared, as_for_users):
     phase = 0.3 if shared else jnp.array([0.3, 0.7])
     places = jnp.stack([jnp.cos(jnp.asarray(phase)), jnp.sin(jnp.asarray(phase)), 0 * jnp.asarray(phase)], -1)
     speeds = jnp.stack([-places[..., 1], places[..., 0], places[..., 2]], -1)
-    torque = ml.torques.GravityGradient(None, ml.orbits.KeplerOrbit(places, speeds, 1.0), 1.0)
+    torque = ml.spacecraft.GravityGradient(None, ml.orbits.KeplerOrbit(places, speeds, 1.0), 1.0)
     body = ml.RigidBody([5.0, 5.0, 1.0] if name.startswith("SYMMETRIC") else [1.0, 2.0, 2.5])
     run = partial(ml.ensemble, name, body, torque, STATES, dt=0.02)
     for steps, fixed, every in ((81, 27, None), (80, 20, 40)):
@@ -100,9 +100,9 @@ def calls_of(torque):
 
 
 def solved(torque, state, dt, t0, steps):
-    term = ml.RigidBodyTerm(BODY, torque)
+    term = ml.diffrax.RigidBodyTerm(BODY, torque)
     t0, dt = jnp.asarray(t0), jnp.asarray(dt)  # diffrax makes a program for each number of Python's
-    return diffrax.diffeqsolve(term, ml.LieSolver("JACOBI[EA]"), t0, t0 + steps * dt, dt, state, max_steps=None)
+    return diffrax.diffeqsolve(term, ml.diffrax.LieSolver("JACOBI[EA]"), t0, t0 + steps * dt, dt, state, max_steps=None)
 
 
 DRIVERS = {
@@ -119,7 +119,7 @@ DRIVERS = {
     "LieSolver": solved,
 }
 FIXED = {
-    "integrate_adaptive": lambda f, x, dt, t0: ml.integrate_adaptive(
+    "integrate_variable_step": lambda f, x, dt, t0: ml.integrate_variable_step(
         "JACOBI[EA]", BODY, f, x, density=ml.densities.Spin(BODY.moments, 1.0, 0.1), dt=dt, t0=t0, steps=4
     ),
     "saved often": lambda f, x, dt, t0: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=4),

@@ -13,7 +13,7 @@ from coupled_cases import ALL, DT, FEW, FIELD, KINDS, STEPS, forced, integrate, 
 from travel_cases import at, gap, stacked
 
 import midlie_jax as ml
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.splitting import Splitting
 from midlie_jax.model.states import Coupled
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
@@ -66,10 +66,10 @@ def test_the_momenta_of_all_together_are_kept(kind, name, dtype):
     states, method = at(paths(kind, name, dtype).states, 1), ml.method(name)
     exact = isinstance(method, Splitting) and not method.scheme.displaced
     limit = 8 * roundings(name) * epsilon(dtype) if exact else 1e-3
-    spin = np.asarray(ml.spatial_momentum(states), np.float64)
+    spin = np.asarray(ml.observe.spatial_momentum(states), np.float64)
     assert np.abs(spin - spin[0]).max() <= limit * np.abs(spin[0]).max()
     if KINDS[kind].travels:
-        linear = np.asarray(ml.linear_momentum(states), np.float64)
+        linear = np.asarray(ml.observe.linear_momentum(states), np.float64)
         assert np.abs(linear - linear[0]).max() <= limit * np.abs(np.asarray(states.linear[0])).max()
 
 
@@ -176,7 +176,7 @@ BATCH = 517
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(
-    "torque", [None, ml.torques.MutualGravity(1.0), ml.torques.MutualGravity(1.0, degree=4)], ids=["V", "2", "4"]
+    "torque", [None, ml.asteroids.MutualGravity(1.0), ml.asteroids.MutualGravity(1.0, degree=4)], ids=["V", "2", "4"]
 )
 def test_a_step_of_two_bodies_is_four_loops(torque):
     """The kick and the flights of both; what the function reads; the function; the kick.

@@ -39,9 +39,9 @@ def test_an_ensemble_moves_replicas(kind):
     assert found.states.momentum.shape == (4, 3, KINDS[kind].count, 3)
     alone = ml.integrate(NAME[kind], at(own, 2), torque, at(many, 2), dt=dt[2], **options)
     assert gap(at(found.states, 2), alone.states) < 1e-12
-    energies = ml.energy(own, torque, found)
+    energies = ml.observe.energy(own, torque, found)
     assert energies.shape == (4, 3)
-    np.testing.assert_allclose(energies[2], ml.energy(at(own, 2), torque, alone), rtol=1e-12)
+    np.testing.assert_allclose(energies[2], ml.observe.energy(at(own, 2), torque, alone), rtol=1e-12)
 
 
 @pytest.mark.sample(0)
@@ -64,7 +64,7 @@ def test_a_simulation_of_replicas_is_stored_and_resumed(kind, tmp_path):
 @pytest.mark.parametrize("kind", BOTH)
 def test_variable_steps_follow_a_constant_density(kind):
     body, torque, one = setup(kind)
-    found = ml.integrate_adaptive(NAME[kind], body, torque, one, dt=0.01, steps=20, density=lambda t, s: 1.0)
+    found = ml.integrate_variable_step(NAME[kind], body, torque, one, dt=0.01, steps=20, density=lambda t, s: 1.0)
     fixed = ml.integrate(NAME[kind], body, torque, one, dt=0.01, steps=20)
     assert gap(found.states, fixed.states) < 1e-11
 
@@ -73,8 +73,8 @@ def test_variable_steps_follow_a_constant_density(kind):
 @pytest.mark.parametrize("kind", ["five", "two", "two axes"])
 def test_diffrax_takes_the_same_steps_and_its_own_solvers_agree(kind):
     body, torque, one = setup(kind)
-    solve = partial(diffrax.diffeqsolve, ml.RigidBodyTerm(body, torque), t0=0.0, t1=0.2, dt0=0.02, y0=one)
-    found = solve(ml.LieSolver(NAME[kind]), saveat=diffrax.SaveAt(t1=True, ts=jnp.array([0.1, 0.15])))
+    solve = partial(diffrax.diffeqsolve, ml.diffrax.RigidBodyTerm(body, torque), t0=0.0, t1=0.2, dt0=0.02, y0=one)
+    found = solve(ml.diffrax.LieSolver(NAME[kind]), saveat=diffrax.SaveAt(t1=True, ts=jnp.array([0.1, 0.15])))
     fixed = ml.integrate(NAME[kind], body, torque, one, dt=0.02, steps=10)
     assert gap(at(found.ys, 2), at(fixed.states, 10)) < 1e-12
     assert gap(at(found.ys, 0), at(fixed.states, 5)) < 1e-12
@@ -178,7 +178,7 @@ def test_a_linear_molecule_is_a_body_with_a_small_third_moment():
 
 
 def wrench(rows):
-    return lambda t, s: ml.Wrench(jnp.zeros((rows, 3)), jnp.zeros((rows, 3)))
+    return lambda t, s: ml.torques.Wrench(jnp.zeros((rows, 3)), jnp.zeros((rows, 3)))
 
 
 def step(body, torque, state, name="JACOBI[EA]"):
@@ -214,7 +214,7 @@ REFUSED = {
         "start must be of one body for recommend",
     ),
     "control": (
-        lambda b, t, s: step(b, ml.torques.PDControl([1.0, 0.0, 0.0, 0.0], 1.0, 1.0), s),
+        lambda b, t, s: step(b, ml.spacecraft.PDControl([1.0, 0.0, 0.0, 0.0], 1.0, 1.0), s),
         r"PDControl acts on one body.*OnEach\(PDControl",
     ),
     "one on one": (lambda b, t, s: step(first(b), ml.torques.OnEach(POINT), s.of_body(0)), "leave OnEach out"),
@@ -241,13 +241,13 @@ def test_the_energy_is_computed_by_one_compiled_program():
         return potential(FIELD, t, state)
 
     torque = ml.torques.FromPotential(counted)
-    first = ml.energy(body, torque, begin)
+    first = ml.observe.energy(body, torque, begin)
     traced = len(calls)
-    assert ml.energy(body, torque, begin) == first
+    assert ml.observe.energy(body, torque, begin) == first
     two = jax.tree.map(lambda x: jnp.stack([x, x]), begin)
-    both = ml.energy(body, torque, two, t=jnp.array([0.0, 1.0]))
+    both = ml.observe.energy(body, torque, two, t=jnp.array([0.0, 1.0]))
     traced_of_two = len(calls)
-    assert bool(jnp.all(ml.energy(body, torque, two, t=jnp.array([2.0, 1.0])) == both))
+    assert bool(jnp.all(ml.observe.energy(body, torque, two, t=jnp.array([2.0, 1.0])) == both))
     assert len(calls) - traced_of_two == 0 < traced < traced_of_two
 
 

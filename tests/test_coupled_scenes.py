@@ -44,7 +44,9 @@ def test_the_two_waters_end_where_three_programs_agree():
 
 def test_the_energy_and_the_moments_of_water():
     scene = scenes.scene("dimer")
-    potential = ml.energy(scene.body, scene.torque, scene.start) - ml.kinetic_energy(scene.body, scene.start)
+    potential = ml.observe.energy(scene.body, scene.torque, scene.start) - ml.observe.kinetic_energy(
+        scene.body, scene.start
+    )
     assert float(potential) == pytest.approx(-14.1713118855, rel=3e-9)  # its angle has ten digits
     np.testing.assert_allclose(WATER.moments, [0.00596800338, 0.01940800337, 0.01343999999], rtol=1e-7)
 

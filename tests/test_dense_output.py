@@ -59,7 +59,7 @@ def test_dense_output_of_a_long_turn_is_right_or_nan():
         for gap in (0.0, 1.5, -1.5, 1.6, -1.6):
             velocities = {"velocity0": spin, "velocity1": spin, "torque0": 0 * spin, "torque1": 0 * spin}
             times = {"t0": jnp.array(0.0), "t1": jnp.array(1.0), "h": jnp.array(turn + gap)}
-            inside = ml.LieInterpolation(**times, y0=y0, y1=y1, **velocities).evaluate(0.3)
+            inside = ml.diffrax.LieInterpolation(**times, y0=y0, y1=y1, **velocities).evaluate(0.3)
             if abs(turn + gap) > LARGEST_TURN or abs(gap) > np.pi / 2:
                 assert np.all(np.isnan(inside.attitude))
             elif gap == 0:
@@ -69,9 +69,9 @@ def test_dense_output_of_a_long_turn_is_right_or_nan():
                 np.testing.assert_allclose(np.linalg.norm(inside.attitude), 1, atol=4e-16)
 
     times = T0 + jnp.linspace(0.0, 20.0, 41)
-    controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm())
+    controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.diffrax.RotationNorm())
     options = {"t1": times[-1], "stepsize_controller": controller, "saveat": diffrax.SaveAt(ts=times)}
-    found = quick(lambda y: solve("LIEMID[EA]", y, term=ml.RigidBodyTerm(BODY), **options))(spun(0.0)[0])
+    found = quick(lambda y: solve("LIEMID[EA]", y, term=ml.diffrax.RigidBodyTerm(BODY), **options))(spun(0.0)[0])
     assert found.stats["num_accepted_steps"] < 20
     for time, matrix in zip(times, jax.vmap(ml.so3.to_matrix)(found.ys.attitude), strict=True):
         np.testing.assert_allclose(matrix, ml.so3.to_matrix(spun(time - T0)[0].attitude), atol=1e-13)
@@ -86,9 +86,11 @@ def only_the_top(weight):
 def test_states_without_attitude(state):
     """Agree with the full state, between steps too."""
     weight = ARGS[0] if state is ml.DirectionState else jnp.array(0.0)
-    top = ml.RigidBodyTerm(BODY, torque_of_args=only_the_top)
+    top = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=only_the_top)
     up = ml.so3.to_matrix(start().attitude)[2]
-    few, term = (state(start().momentum, up), top) if weight else (state(start().momentum), ml.RigidBodyTerm(BODY))
+    few, term = (
+        (state(start().momentum, up), top) if weight else (state(start().momentum), ml.diffrax.RigidBodyTerm(BODY))
+    )
     saveat = diffrax.SaveAt(ts=jnp.linspace(T0, T0 + DT * STEPS, 23))
     less, full = quick(
         lambda weight: (

@@ -25,7 +25,7 @@ def gaps(a, b):
 
 
 def by_step(name):
-    return ml.LieSolver(name, dense="step")
+    return ml.diffrax.LieSolver(name, dense="step")
 
 
 @pytest.mark.sample(0)
@@ -53,7 +53,7 @@ def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
     turned = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.2, 0.5])))
     body = ml.TensorBody(turned @ jnp.diag(jnp.asarray(CASE.moments)) @ turned.T)
     torque, parts = ml.torques.HeavyTop, np.array([0.0, 0.3, 1.0, 1.7, 2.0])
-    term = ml.RigidBodyTerm(body, torque_of_args=torque)
+    term = ml.diffrax.RigidBodyTerm(body, torque_of_args=torque)
 
     def states(weight, y, saveat):
         options = {"term": term, "t1": T0 + 2 * DT, "saveat": saveat, "max_steps": 4}
@@ -84,7 +84,7 @@ def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
 @pytest.mark.sample(0)
 def test_forward_and_reverse_mode_agree():
     def reading(weight, adjoint):
-        term = ml.RigidBodyTerm(BODY, torque_of_args=ml.torques.HeavyTop)
+        term = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=ml.torques.HeavyTop)
         options = {"saveat": diffrax.SaveAt(ts=T0 + DT * np.array([0.3, 1.7])), "adjoint": ADJOINTS[adjoint]}
         ys = solve(by_step("LIEMID[EA]"), start(), weight, term=term, t1=T0 + 2 * DT, max_steps=4, **options).ys
         return jnp.sum(jnp.sin(ys.momentum))
@@ -106,11 +106,13 @@ def north(t, y, args, **kwargs):
 def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
     """A crossing of Lagrange's top in closed form; the cubic is wrong by much more at the same step."""
     moments, axis, weight = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0), float(ARGS[0])
-    term = ml.RigidBodyTerm(ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis))
+    term = ml.diffrax.RigidBodyTerm(
+        ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis)
+    )
     event = diffrax.Event(north, optimistix.Newton(1e-13, 1e-13), direction=False)
 
     def crossing(weight, dense):
-        solver = ml.LieSolver("SYMMETRIC[SRKN6b]", dense=dense)
+        solver = ml.diffrax.LieSolver("SYMMETRIC[SRKN6b]", dense=dense)
         times = {"t0": jnp.array(0.0), "t1": jnp.array(8.0), "dt0": jnp.array(1 / 32)}
         solution = solve(solver, start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
         return solution.ts[0], row(solution.ys, 0)
@@ -140,4 +142,4 @@ def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
 
 def test_a_wrong_dense_output_names_the_cure():
     with pytest.raises(ValueError, match='dense must be "cubic" or "step", got'):
-        ml.LieSolver(dense="linear")
+        ml.diffrax.LieSolver(dense="linear")

@@ -66,9 +66,9 @@ def test_one_term_under_six_solvers_agrees_at_their_orders():
         (diffrax.Tsit5(), 5),
         (diffrax.Dopri8(), 8),
         (diffrax.Kvaerno5(root_finder=newton), 5),
-        (ml.LieSolver("LIEMID[EA]"), 2),
+        (ml.diffrax.LieSolver("LIEMID[EA]"), 2),
     ]
-    exact, before = numbers(truth()), np.asarray(ml.spatial_momentum(start()))
+    exact, before = numbers(truth()), np.asarray(ml.observe.spatial_momentum(start()))
     drifts = []
     print(f"{'solver':12} {'error at 1/8':>12} {'order':>6} {'drift of R Pi':>14}")
     for solver, order in solvers:
@@ -79,7 +79,7 @@ def test_one_term_under_six_solvers_agrees_at_their_orders():
             errors.append(np.max(np.abs(numbers(solution.ys) - exact)))
         slope = np.log2(errors[0] / errors[1])
         free = end(solver, start(), FREE, FROM, TO, jnp.array(1 / 4)).ys
-        drifts.append(np.max(np.abs(ml.spatial_momentum(jax.tree.map(lambda x: x[0], free)) - before)))
+        drifts.append(np.max(np.abs(ml.observe.spatial_momentum(jax.tree.map(lambda x: x[0], free)) - before)))
         print(f"{type(solver).__name__:12} {errors[0]:12.1e} {slope:6.2f} {drifts[-1]:14.1e}")
         assert abs(slope - order) < 0.6
     assert drifts[-1] < 8 * epsilon("float64")
@@ -89,7 +89,7 @@ def test_one_term_under_six_solvers_agrees_at_their_orders():
 @pytest.mark.sample(0)
 def test_there_and_back():
     for name in ("LIEMID[EA]", "NMB"):
-        solver = ml.LieSolver(name)
+        solver = ml.diffrax.LieSolver(name)
         there = end(solver, start(), ARGS, FROM, TO, jnp.array(DT)).ys
         back = end(solver, jax.tree.map(lambda x: x[0], there), ARGS, TO, FROM, jnp.array(-DT)).ys
         assert np.max(np.abs(numbers(back) - numbers(start()))) < 1e-13
@@ -102,8 +102,8 @@ def test_norm_is_the_angle_between_attitudes():
     )
     state = ml.RigidState(jnp.array([0.0, 0.0, 2e-6]), jnp.asarray(q))
     error = eqx.tree_at(lambda s: s.attitude, state, jnp.asarray(turned - q))
-    assert abs(ml.RotationNorm()(error) - 5e-6) < 1e-15
-    assert abs(ml.RotationNorm(momentum=0.1)(error) - 2e-5) < 1e-18
+    assert abs(ml.diffrax.RotationNorm()(error) - 5e-6) < 1e-15
+    assert abs(ml.diffrax.RotationNorm(momentum=0.1)(error) - 2e-5) < 1e-18
 
 
 # A method of each family; the orders of its estimate in momentum and attitude, and the span of estimate over error.
@@ -120,7 +120,7 @@ FAMILIES = {
 @pytest.mark.parametrize("name", FAMILIES)
 def test_estimate_is_the_local_error_or_above(name):
     """On a second step; the first has no history, and an estimate of second order in the momentum."""
-    solver, (term, y0) = ml.LieSolver(name), problem(name)
+    solver, (term, y0) = ml.diffrax.LieSolver(name), problem(name)
 
     @quick
     @jax.vmap
@@ -156,13 +156,13 @@ def test_estimate_is_the_local_error_or_above(name):
 @pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[EA]", "SYMMETRIC[SRKN6b]"])
 def test_controller_holds_its_tolerance(name):
     """Momentum and attitude in turn command the step; both go with the tolerance as the orders say."""
-    solver, (term, y0) = ml.LieSolver(name), problem(name)
+    solver, (term, y0) = ml.diffrax.LieSolver(name), problem(name)
     exact = row(truth(term=term), 0)
     tolerances = (1e-3, 1e-4, 1e-5) if solver.method.order == 1 else (1e-5, 1e-6, 1e-7)
     for which, units in enumerate(((1.0, 1e6), (1e6, 1.0))):
         steps, errors = [], []
         for tolerance in tolerances:
-            norm = ml.RotationNorm(*map(jnp.array, units))
+            norm = ml.diffrax.RotationNorm(*map(jnp.array, units))
             controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(tolerance), norm=norm)
             solution = end(solver, y0, ARGS, FROM, TO, jnp.array(1 / 512), controller, term=term)
             assert bool(solution.result == diffrax.RESULTS.successful)
@@ -179,8 +179,8 @@ def test_controller_holds_its_tolerance(name):
 @pytest.mark.sample(0)
 def test_failed_steps_are_rejected():
     """A first step too long for the flight's equation to be solved, with a controller and without."""
-    solver, fast = ml.LieSolver("LIEMID[EA]"), start(8.0)
-    norm = ml.RotationNorm(jnp.array(2.0), jnp.array(1.0))
+    solver, fast = ml.diffrax.LieSolver("LIEMID[EA]"), start(8.0)
+    norm = ml.diffrax.RotationNorm(jnp.array(2.0), jnp.array(1.0))
     controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(1e-5), norm=norm)
     solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0), controller)
     assert bool(solution.result == diffrax.RESULTS.successful)
@@ -189,7 +189,7 @@ def test_failed_steps_are_rejected():
     assert bool(solution.result == diffrax.RESULTS.nonlinear_divergence)
     # An overflow, with a tolerance that reads the state.
     controller = diffrax.PIDController(rtol=jnp.array(1e-5), atol=jnp.array(1e-5))
-    solution = end(ml.LieSolver("NMB"), start(50.0), ARGS, FROM, TO, jnp.array(1.0), controller)
+    solution = end(ml.diffrax.LieSolver("NMB"), start(50.0), ARGS, FROM, TO, jnp.array(1.0), controller)
     assert bool(solution.result == diffrax.RESULTS.successful)
 
 
@@ -212,7 +212,11 @@ def test_torque_evaluations(name, controller, dense, evaluations):
 
     saveat = TS if dense else diffrax.SaveAt(t1=True)
     options = CONTROLLERS[controller] | {"saveat": saveat}
-    done = quick(lambda y: solve(name, y, term=ml.RigidBodyTerm(BODY, torque), **options).ys).lower(start()).compile()
+    done = (
+        quick(lambda y: solve(name, y, term=ml.diffrax.RigidBodyTerm(BODY, torque), **options).ys)
+        .lower(start())
+        .compile()
+    )
     count.clear()
     jax.block_until_ready(done(start()))
     assert evaluations * STEPS <= len(count) <= evaluations * STEPS + 2
@@ -223,7 +227,7 @@ def test_backsolve_approaches_the_derivative_of_the_motion():
     """By the recipe, a solver of diffrax for the way back: off by the method's error, a quarter at half the step."""
 
     def value(weight, dt, adjoint, run=end):
-        y = run(ml.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
+        y = run(ml.diffrax.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
         return jnp.sum(jnp.sin(y.momentum)) + jnp.sum(jnp.cos(y.attitude))
 
     slope = quick(jax.grad(partial(value, adjoint=ADJOINTS["BacksolveAdjoint"], run=solve_to_the_end)))
@@ -238,13 +242,13 @@ def test_backsolve_approaches_the_derivative_of_the_motion():
 @pytest.mark.sample(0)
 def test_the_rotation_norm_measures_the_state_on_the_way_back_of_backsolve():
     """There diffrax solves for the state, its adjoint and more together."""
-    control = diffrax.PIDController(rtol=0, atol=1e-6, norm=ml.RotationNorm())
+    control = diffrax.PIDController(rtol=0, atol=1e-6, norm=ml.diffrax.RotationNorm())
 
     def value(weight):
-        term = ml.RigidBodyTerm(BODY, ml.torques.HeavyTop(weight))
+        term = ml.diffrax.RigidBodyTerm(BODY, ml.torques.HeavyTop(weight))
         back = diffrax.BacksolveAdjoint(solver=diffrax.Tsit5())
         solution = diffrax.diffeqsolve(
-            term, ml.LieSolver("LIEMID[EA]"), 0.0, 0.5, 0.01, start(), adjoint=back, stepsize_controller=control
+            term, ml.diffrax.LieSolver("LIEMID[EA]"), 0.0, 0.5, 0.01, start(), adjoint=back, stepsize_controller=control
         )
         return jnp.sum(solution.ys.momentum**2)
 
@@ -264,7 +268,9 @@ def north(t, y, args, **kwargs):
 def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     """Against Lagrange's top in closed form; the derivative against differences of the closed form's crossing."""
     moments, axis = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0)
-    term = ml.RigidBodyTerm(ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis))
+    term = ml.diffrax.RigidBodyTerm(
+        ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis)
+    )
     event = diffrax.Event(north, optimistix.Newton(1e-13, 1e-13), direction=False)
 
     def crossing(weight, dt):
@@ -309,9 +315,9 @@ def test_pitfalls_of_the_readme():
         return solve("Verlet", DOTS, term=term).ys
 
     def spring_of(stiffness):
-        return ml.RigidBodyTerm(SPRINGS.body, lambda t, state: -stiffness * state.position)
+        return ml.diffrax.RigidBodyTerm(SPRINGS.body, lambda t, state: -stiffness * state.position)
 
-    again = [ml.RigidBodyTerm(SPRINGS.body, jax.tree_util.Partial(pull, jnp.array(k))) for k in (1.0, 2.0)]
+    again = [ml.diffrax.RigidBodyTerm(SPRINGS.body, jax.tree_util.Partial(pull, jnp.array(k))) for k in (1.0, 2.0)]
     for terms, expected in (([spring_of(1.0), spring_of(2.0)], 2), (again, 1)):
         traces.clear()
         for term in terms:
@@ -323,10 +329,10 @@ def test_pitfalls_of_the_readme():
 def test_float32():
     cast = partial(jax.tree.map, lambda x: x.astype(jnp.float32) if eqx.is_array(x) else x)
     times = [jnp.float32(t) for t in (T0, T0 + 1, DT)]
-    term = ml.RigidBodyTerm(cast(BODY), torque_of_args=forces)
+    term = ml.diffrax.RigidBodyTerm(cast(BODY), torque_of_args=forces)
     y = diffrax.diffeqsolve(
         term,
-        ml.LieSolver("LIEMID[EA]"),
+        ml.diffrax.LieSolver("LIEMID[EA]"),
         *times,
         cast(start()),
         cast(ARGS),
@@ -334,10 +340,10 @@ def test_float32():
     ).ys
     assert y.momentum.dtype == y.attitude.dtype == jnp.float32
     assert np.max(np.abs(np.linalg.norm(np.asarray(y.attitude, np.float64), axis=-1) - 1)) < 4 * epsilon("float32")
-    exact = end(ml.LieSolver("LIEMID[EA]"), start(), ARGS, FROM, TO, jnp.array(DT)).ys
+    exact = end(ml.diffrax.LieSolver("LIEMID[EA]"), start(), ARGS, FROM, TO, jnp.array(DT)).ys
     assert np.max(np.abs(numbers(jax.tree.map(lambda x: x[-1], y)) - numbers(exact))) < 1e-5
     with pytest.raises(ValueError, match="give t0, t1 and dt0 as"):
-        diffrax.diffeqsolve(term, ml.LieSolver(), T0, T0 + 1, DT, cast(start()), cast(ARGS))
+        diffrax.diffeqsolve(term, ml.diffrax.LieSolver(), T0, T0 + 1, DT, cast(start()), cast(ARGS))
 
 
 @pytest.mark.sample(0)
@@ -345,7 +351,7 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
     def push(t):
         return jnp.where(t < 0.75, jnp.zeros_like(t), 3 * jnp.ones_like(t)) * jnp.ones(3)
 
-    term = ml.RigidBodyTerm(BODY, ml.torques.Prescribed(push))
+    term = ml.diffrax.RigidBodyTerm(BODY, ml.torques.Prescribed(push))
     same = diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)
     clip = diffrax.ClipStepSizeController(same, jump_ts=jnp.array([0.75]))
     meter = diffrax.TextProgressMeter(minimum_increase=0.5)
@@ -361,7 +367,7 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
 @pytest.mark.parametrize("name", ["LIEMID[EA]", "JACOBI[EA]"])
 def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
     """Each is a loop of its own in the program of diffrax; without a checkpoint there are over a hundred."""
-    solver, y0 = ml.LieSolver(name), start()
+    solver, y0 = ml.diffrax.LieSolver(name), start()
 
     def pullback(y, args):
         memory = solver.init(TERM, FROM, FROM + DT, y, args)
@@ -378,7 +384,15 @@ def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
 
     def run(y, steps):
         return diffrax.diffeqsolve(
-            TERM, ml.LieSolver(name), T0, T0 + DT * STEPS, DT, y, ARGS, stepsize_controller=steps, max_steps=None
+            TERM,
+            ml.diffrax.LieSolver(name),
+            T0,
+            T0 + DT * STEPS,
+            DT,
+            y,
+            ARGS,
+            stepsize_controller=steps,
+            max_steps=None,
         )
 
     def loops(controller):
@@ -386,7 +400,7 @@ def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
         return len(re.findall(r"= \(.* reduce\(", program.as_text()))
 
     assert loops(diffrax.ConstantStepSize()) == 1
-    assert loops(diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm())) > 1
+    assert loops(diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.diffrax.RotationNorm())) > 1
 
 
 def test_bad_input_names_the_cure():
@@ -395,21 +409,24 @@ def test_bad_input_names_the_cure():
     particles = ml.Particles(jnp.array([1.0, 2.0]))
     dots = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
     wrong = [
-        (lambda: ml.LieSolver("RK5"), "did you mean 'RK4'"),
-        (lambda: ml.LieSolver(3), "midlie_jax.method"),
-        (lambda: ml.RigidBodyTerm(1.0), "must be a midlie_jax.RigidBody"),
-        (lambda: ml.RigidBodyTerm(BODY, 1.0), "callable of"),
-        (lambda: ml.RigidBodyTerm(BODY, torque, torque_of_args=forces), "not both"),
+        (lambda: ml.diffrax.LieSolver("RK5"), "did you mean 'RK4'"),
+        (lambda: ml.diffrax.LieSolver(3), "midlie_jax.method"),
+        (lambda: ml.diffrax.RigidBodyTerm(1.0), "must be a midlie_jax.RigidBody"),
+        (lambda: ml.diffrax.RigidBodyTerm(BODY, 1.0), "callable of"),
+        (lambda: ml.diffrax.RigidBodyTerm(BODY, torque, torque_of_args=forces), "not both"),
         (lambda: solve("NMB", start(), term=diffrax.ODETerm(lambda t, y, args: y)), "RigidBodyTerm"),
         (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
         (lambda: solve("NMB", dots), "belongs to a Particles, but body is RigidBody"),
-        (lambda: solve("NMB", dots, term=ml.RigidBodyTerm(particles)), "midlie_jax.methods"),
-        (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
-        (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: [t, t, t])), "return one array"),
+        (lambda: solve("NMB", dots, term=ml.diffrax.RigidBodyTerm(particles)), "midlie_jax.methods"),
+        (lambda: solve("NMB", start(), term=ml.diffrax.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
         (
-            lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)),
+            lambda: solve("NMB", start(), term=ml.diffrax.RigidBodyTerm(BODY, lambda t, y: [t, t, t])),
+            "return one array",
+        ),
+        (
+            lambda: solve(diffrax.Tsit5(), start(), term=ml.diffrax.RigidBodyTerm(particles)),
             "belongs to a RigidBody, but body is Particles",
         ),
     ]

@@ -32,7 +32,7 @@ from diffrax_cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.splitting import Splitting
 
 METHODS = ROTATION
 MORE = PARTICLE
@@ -152,7 +152,7 @@ def test_equal_steps_end_where_those_of_integrate_do(name):
 
     @quick
     def ends(start):
-        found = solve(ml.LieSolver(method), start, term=term, t1=T0 + 2 * DT, max_steps=2)
+        found = solve(ml.diffrax.LieSolver(method), start, term=term, t1=T0 + 2 * DT, max_steps=2)
         path = ml.integrate(method, term.body, torque, start, dt=DT, steps=2, save_every=None, t0=T0)
         return jax.tree.map(lambda x: x[-1], found.ys), path.states
 

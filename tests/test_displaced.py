@@ -11,8 +11,8 @@ import travel_cases
 from cases import benchmark, epsilon, quick
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
-from midlie_jax.methods.system import System
+from midlie_jax.integrators import schemes
+from midlie_jax.integrators.system import System
 
 benchmark("claims")  # which puts the folder of benchmarks on the path
 from laboratory.claims import structure  # noqa: E402

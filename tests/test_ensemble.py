@@ -159,9 +159,9 @@ def unchecked(**arrays):
             {"torque": ml.torques.HeavyTop(jnp.ones(10))},
             r"shape \(10, 3\) instead of \(3,\), from its parameters weight \(10,\); there are 16 bodies",
         ),
-        ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.weight has 10 rows.*16 bodies"),
-        ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.weight has 20 rows.*16 bodies"),
-        ({"torque": ml.torques.HeavyTop(1.0), "torque_axes": 0}, "torque.weight has no rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.mgl has 10 rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.mgl has 20 rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(1.0), "torque_axes": 0}, "torque.mgl has no rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": 1}, 'torque_axes must be "auto", None'),
         (
             {"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": False},
@@ -204,7 +204,7 @@ MIXED = {
         ml.torques.HeavyTop(2.0) + ml.torques.Damping(FIELDS**2),
         lambda i: ml.torques.HeavyTop(2.0) + ml.torques.Damping(FIELDS[i] ** 2),
     ),
-    "gains for each axis": (ml.torques.Rotors(FIELDS), lambda i: ml.torques.Rotors(FIELDS[i])),
+    "gains for each axis": (ml.spacecraft.MomentumWheels(FIELDS), lambda i: ml.spacecraft.MomentumWheels(FIELDS[i])),
     "none though it could": (ml.torques.HeavyTop(2.0), lambda i: ml.torques.HeavyTop(2.0)),
     "beside a table as long": (
         jax.tree_util.Partial(pulled, STRENGTHS, TABLE),
@@ -247,7 +247,7 @@ DRAG = ml.torques.Damping(FIELDS[0] ** 2)  # for each axis, or with three bodies
     ("torque", "count", "words"),
     [
         (DRAG, 3, r"coefficient \(3,\) may be one value .* Write torque_axes=None, or torque_axes=0"),
-        (ml.torques.HeavyTop(STRENGTHS[:3]) + DRAG, 3, r"Write torque_axes=\['terms\[0\].weight'\], or torque_axes=0"),
+        (ml.torques.HeavyTop(STRENGTHS[:3]) + DRAG, 3, r"Write torque_axes=\['terms\[0\].mgl'\], or torque_axes=0"),
         (LINES, 8, "can be read in two ways.*Write torque_axes="),
         (jax.tree_util.Partial(spectrum, TABLE[:8], TABLE[:8], [STRENGTHS[:8]] * 8), 8, "10 parameters .* have 8 rows"),
     ],

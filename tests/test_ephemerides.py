@@ -41,7 +41,7 @@ def test_two_line_elements_through_sgp4():
     days = satellite.jdsatepochF + BETWEEN / 86400
     right = 1e3 * satellite.sgp4_array(np.full(len(days), satellite.jdsatepoch), days)[1]
     assert distances(table, right).max() < 0.5
-    torque = ml.torques.GravityGradient(None, table, 3.986004418e14)
+    torque = ml.spacecraft.GravityGradient(None, table, 3.986004418e14)
     body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState(jnp.array([0.0, 0.0, 1e-3]), jnp.eye(4)[0])
     with pytest.raises(ValueError, match="holds a TableOrbit from t = 0 to 6000, but the run needs times from 0 to"):
         ml.integrate("JACOBI[EA]", body, torque, start, dt=10.0, steps=8640)

@@ -49,7 +49,7 @@ def test_a_flight_from_outside_keeps_the_laws_that_it_claims():
     assert (method.name, method.order, method.symmetric, method.symplectic) == ("EXPLICIT[E1]", 1, False, False)
     path = ml.integrate(method, scene.body, None, scene.start, dt=0.05, steps=200, save_every=20)
     assert path.ok
-    momenta = np.asarray(ml.spatial_momentum(path.states))
+    momenta = np.asarray(ml.observe.spatial_momentum(path.states))
     np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-13)
     many = ml.ensemble(method, scene.body, None, scenes.perturbed(scene, 3, 1e-3), dt=0.05, steps=200, save_every=20)
     np.testing.assert_allclose(many.states.attitude[0], path.states.attitude, atol=1e-13)
@@ -97,7 +97,7 @@ def test_a_torque_from_outside():
     path = quick(
         lambda: ml.integrate("JACOBI[SRKN6b]", scene.body, torque, scene.start, dt=0.01, steps=200, save_every=20)
     )()
-    energies = np.asarray(ml.energy(scene.body, torque, path))
+    energies = np.asarray(ml.observe.energy(scene.body, torque, path))
     assert path.ok
     assert np.ptp(energies) < 1e-6 * abs(energies[0])
     assert math.isfinite(energies[0])

@@ -218,7 +218,7 @@ def test_it_sees_all_bodies_of_a_coupled_state_and_one_of_them_in_of_body():
     def model(values):
         def spring(t, state):
             pull = values["spring"] * (state.position[1] - state.position[0])
-            return ml.Wrench(jnp.zeros_like(state.momentum), jnp.stack([pull, -pull]))
+            return ml.torques.Wrench(jnp.zeros_like(state.momentum), jnp.stack([pull, -pull]))
 
         zeros = jnp.zeros((2, 3))
         places = jnp.stack([zeros[0], jnp.array([1.0, 0.0, 0.0])])

@@ -109,7 +109,7 @@ class Harmonic(ml.torques.Torque):
         return True
 
     def __call__(self, t, state):
-        return ml.Wrench(jnp.zeros(3), -0.02 * MASS * state.position)
+        return ml.torques.Wrench(jnp.zeros(3), -0.02 * MASS * state.position)
 
 
 MASS, MU, RADIUS, J2, POLE = 3.0, 40.0, 2.0, 0.1, np.array([0.6, 0.0, 0.8])
@@ -159,7 +159,7 @@ def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
     seen = fitting.Accelerations([0.0], np.zeros((1, 3)), 1.0, lever=lever).of_run(torque, jnp.zeros(1))
     found = quick(lambda s: seen.expected(jnp.zeros(()), s, body, {}))(state)
 
-    acting = ml.Wrench.of(ml.torques.on_body(torque, body)(jnp.zeros(()), state))
+    acting = ml.torques.Wrench.of(ml.torques.on_body(torque, body)(jnp.zeros(()), state))
     rates = np.asarray(body.velocity(state.momentum))
     change = np.asarray(body.velocity(jnp.cross(state.momentum, rates) + acting.torque))
     frame = Rotation.from_quat(np.asarray(state.attitude), scalar_first=True)
@@ -193,7 +193,7 @@ def test_an_accelerometer_in_orbit_feels_three_times_the_centrifugal_force(dtype
     zero = jnp.zeros((), dtype)
     values = jnp.zeros((1, 3), dtype)
     options = {"sigma": jnp.ones((), dtype), "lever": jnp.array([lever, 0, 0], dtype)}
-    gradient = ml.torques.GravityGradient(None, orbit, jnp.asarray(mu, dtype))
+    gradient = ml.spacecraft.GravityGradient(None, orbit, jnp.asarray(mu, dtype))
     for torque, one, state, gravity in (
         (ml.torques.PointMass(jnp.asarray(mu, dtype)), body, ml.FreeState(*numbers), None),
         (gradient, body.body, ml.RigidState(*numbers[:2]), jnp.zeros(3, dtype)),

@@ -14,7 +14,7 @@ from laboratory.free_body import free_body
 
 import midlie_jax as ml
 from midlie_jax._math import components as cp
-from midlie_jax.methods import flights
+from midlie_jax.integrators import flights
 from midlie_jax.model import so3
 
 FLIGHT = flights.LieMidpoint()
@@ -230,7 +230,7 @@ def test_symmetric_flight_is_about_whichever_axis_it_is(axis):
         np.testing.assert_allclose(x, y, atol=2e-15 * 10)
     many = ml.ensemble("SYMMETRIC[EA]", body, top, jax.tree.map(lambda x: x[None], start), dt=0.2, steps=10)
     assert many.ok.all()
-    term, solver = ml.RigidBodyTerm(body, top), ml.LieSolver("SYMMETRIC[EA]")
+    term, solver = ml.diffrax.RigidBodyTerm(body, top), ml.diffrax.LieSolver("SYMMETRIC[EA]")
     solution = diffrax.diffeqsolve(term, solver, 0.0, 2.0, 0.2, start)
     np.testing.assert_allclose(solution.ys.momentum[-1], ours.states.momentum[-1], atol=1e-14)
 

@@ -45,7 +45,7 @@ def test_a_planet_keeps_the_energy_and_the_momentum_about_its_pole(kind):
     for steps in (200, 400):
         run = quick(lambda s, n=steps: ml.integrate(name, body, torque, s, dt=4 / n, steps=n, save_every=n // 100))
         path = run(state)
-        total, energy = ml.spatial_momentum(path.states), ml.energy(body, torque, path)
+        total, energy = ml.observe.spatial_momentum(path.states), ml.observe.energy(body, torque, path)
         errors.append(float(jnp.max(jnp.abs(energy - energy[0]))))
         np.testing.assert_allclose(total @ POLE, np.full(101, total[0] @ POLE), atol=1e-12)
         assert jnp.ptp(total, axis=0).max() > 1e-3
@@ -60,7 +60,7 @@ def test_a_small_body_turns_as_on_an_orbit_that_is_given():
     for scale in (1e-3, 1e-4):
         rigid = ml.RigidBody(scale * jnp.array([1.0, 2.0, 2.5]))
         momentum = rigid.momentum(jnp.array([0.5, 0.3, 0.4]))
-        given = T.GravityGradient(None, ml.orbits.KeplerOrbit(place, speed, 1.0), 1.0)
+        given = ml.spacecraft.GravityGradient(None, ml.orbits.KeplerOrbit(place, speed, 1.0), 1.0)
         free, turning = ml.FreeState(momentum, attitude, speed, place), ml.RigidState(momentum, attitude)
         body = ml.FreeBody(rigid, 1.0)
         ends = [
@@ -84,30 +84,30 @@ def test_a_falling_ball_approaches_its_terminal_speed(wind):
     path = quick(lambda s: ml.integrate("JACOBI[EA]", body, torque, s, dt=dt, steps=steps, save_every=128))(state)
     air = 0.0 if wind is None else wind[2]
     expected = air - terminal * np.tanh(g * np.asarray(path.times) / terminal + np.arctanh(air / terminal))
-    np.testing.assert_allclose(ml.velocity(body, path.states)[:, 2], expected, atol=2e-5)
+    np.testing.assert_allclose(ml.observe.linear_velocity(body, path.states)[:, 2], expected, atol=2e-5)
 
 
 def test_a_spinning_ball_is_bent_across_its_velocity_and_its_spin():
     rigid = ml.RigidBody([2.0, 2.0, 2.0])
     state = ml.FreeState([1.0, 0.5, -2.0], turn(0.5, -0.3, 0.8), [3.0, 6.0, 9.0], [0.0, 0, 0])
-    spin = ml.spatial_angular_velocity(rigid, state.turning)
+    spin = ml.observe.spatial_angular_velocity(rigid, state.turning)
     wrench = T.Magnus(0.4, wind=[0.5, 0.0, 0.0]).on(ml.FreeBody(rigid, 3.0))(0.0, state)
     np.testing.assert_allclose(wrench.force, 0.4 * np.cross(spin, [0.5, 2.0, 3.0]), atol=1e-14)
-    axis = T.Magnus(0.4).on(ml.FreeBody(ml.Rotor(2.0, 2.0), 3.0))(0.0, ml.FreeAxisState.of(state))
+    axis = T.Magnus(0.4).on(ml.FreeBody(ml.SymmetricRotor(2.0, 2.0), 3.0))(0.0, ml.FreeAxisState.of(state))
     np.testing.assert_allclose(axis.force, 0.4 * np.cross(spin, [1.0, 2.0, 3.0]), atol=1e-14)
 
 
 def test_an_engine_pushes_along_the_body_and_turns_it_by_its_lever():
     state = ml.FreeState([1.0, 0.5, -2.0], turn(0.5, -0.3, 0.8), [0.0, 0, 0], [0.0, 0, 0])
     force, lever = jnp.array([0.0, 0.3, 2.0]), jnp.array([0.1, 0.0, -0.5])
-    wrench = T.Thrust(lambda t: t * force, lever)(2.0, state)
+    wrench = ml.spacecraft.Thrust(lambda t: t * force, lever)(2.0, state)
     np.testing.assert_allclose(wrench.torque, np.cross(lever, 2 * force), atol=1e-14)
     np.testing.assert_allclose(wrench.force, 2 * ml.so3.to_matrix(state.attitude) @ force, atol=1e-14)
 
 
 def test_wrenches_add_and_an_array_is_a_torque_alone():
-    one = ml.Wrench(jnp.ones(3), jnp.arange(3.0))
-    for total in (one + one, one + ml.Wrench(np.ones(3), np.arange(3.0))):
+    one = ml.torques.Wrench(jnp.ones(3), jnp.arange(3.0))
+    for total in (one + one, one + ml.torques.Wrench(np.ones(3), np.arange(3.0))):
         np.testing.assert_array_equal(total.torque, 2 * np.ones(3))
         np.testing.assert_array_equal(total.force, 2 * np.arange(3.0))
     for total in (
@@ -127,7 +127,9 @@ def test_the_axis_of_a_heavy_top_is_lagranges_to_1e12(spin):
     momentum, attitude = np.array([0.6, -0.4, spin]), turn(0.7, 0.2, -0.3)
     begin = ml.AxisState.of(ml.RigidState(momentum, attitude))
     run = {"dt": 1 / 320, "steps": 256, "save_every": 128}
-    path = quick(lambda s: ml.integrate("SYMMETRIC[SRKN14a]", ml.Rotor(2.0), T.HeavyTop(weight), s, **run))(begin)
+    path = quick(lambda s: ml.integrate("SYMMETRIC[SRKN14a]", ml.SymmetricRotor(2.0), T.HeavyTop(weight), s, **run))(
+        begin
+    )
     exact = ml.AxisState.of(ml.RigidState(*exact_motion(moments, momentum, attitude, times, weight=weight)))
     np.testing.assert_allclose(path.states.axis, exact.axis, atol=1e-12)
     np.testing.assert_allclose(path.states.momentum, exact.momentum, atol=1e-12 * np.abs(momentum).max())
@@ -135,7 +137,7 @@ def test_the_axis_of_a_heavy_top_is_lagranges_to_1e12(spin):
 
 def test_the_momentum_of_a_failed_run_is_no_exception():
     failed = jax.tree.map(lambda x: x * jnp.nan, FREE)
-    assert jnp.all(jnp.isnan(ml.spatial_momentum(failed)))
+    assert jnp.all(jnp.isnan(ml.observe.spatial_momentum(failed)))
 
 
 def test_axis_states_and_back():
@@ -154,12 +156,12 @@ AXIS = ml.AxisState([1.0, 2, 3], [0.0, 0.6, 0.8])
 FREE = ml.FreeState([1.0, 2, 3], [1.0, 0, 0, 0], [1.0, 0, 0], [0.0, 0, 1])
 RIGID = ml.RigidBody([2.0, 2.0, 1.0])
 FREE_AXIS = ml.FreeAxisState.of(FREE)
-FREE_BODY, FREE_ROTOR = ml.FreeBody(RIGID, 3.0), ml.FreeBody(ml.Rotor(2.0), 3.0)
-ACROSS, CONTROL = T.DipoleInField([0.1, 0, 1], [0, 0, 1.0]), T.PDControl([1.0, 0, 0, 0], 1.0, 1.0)
+FREE_BODY, FREE_ROTOR = ml.FreeBody(RIGID, 3.0), ml.FreeBody(ml.SymmetricRotor(2.0), 3.0)
+ACROSS, CONTROL = T.DipoleInField([0.1, 0, 1], [0, 0, 1.0]), ml.spacecraft.PDControl([1.0, 0, 0, 0], 1.0, 1.0)
 
 
 def a_force(t, state):
-    return ml.Wrench(state.momentum, state.momentum)
+    return ml.torques.Wrench(state.momentum, state.momentum)
 
 
 def a_tuple(t, state):
@@ -171,16 +173,22 @@ REFUSED = {
     "gravity on it": ("JACOBI[EA]", RIGID, T.UniformGravity(GRAVITY), STAYING, "acts on a body that translates"),
     "no mass": ("JACOBI[EA]", RIGID, None, FREE, "belongs to a FreeBody"),
     "no attitude": ("JACOBI[EA]", FREE_ROTOR, None, FREE, "belongs to a FreeBody of a RigidBody"),
-    "an axis of a rigid body": ("SYMMETRIC[EA]", RIGID, None, AXIS, "belongs to a Rotor"),
+    "an axis of a rigid body": ("SYMMETRIC[EA]", RIGID, None, AXIS, "belongs to a SymmetricRotor"),
     "AKW": ("AKW", FREE_BODY, None, FREE, "moves RigidBody, but body is FreeBody of a RigidBody"),
     "SW": ("SW", FREE_BODY, None, FREE, "moves RigidBody"),
     "NMB": ("NMB", FREE_BODY, None, FREE, "moves RigidBody"),
-    "PGBS12": ("PGBS12", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
-    "JACOBI": ("JACOBI[EA]", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
-    "a dipole across": ("SYMMETRIC[EA]", ml.Rotor(2.0), ACROSS, AXIS, "holds only the third axis of the body"),
-    "the whole attitude": ("SYMMETRIC[EA]", ml.Rotor(2.0), CONTROL, AXIS, "needs the attitude"),
-    "the moment along": ("SYMMETRIC[EA]", FREE_ROTOR, T.PointMass(1.0), FREE_AXIS, r"write Rotor\(moment, along\)"),
-    "a tuple": ("JACOBI[EA]", FREE_BODY, a_tuple, FREE, "must return a midlie_jax.Wrench"),
+    "PGBS12": ("PGBS12", ml.SymmetricRotor(2.0), None, AXIS, "moves RigidBody, but body is SymmetricRotor"),
+    "JACOBI": ("JACOBI[EA]", ml.SymmetricRotor(2.0), None, AXIS, "moves RigidBody, but body is SymmetricRotor"),
+    "a dipole across": ("SYMMETRIC[EA]", ml.SymmetricRotor(2.0), ACROSS, AXIS, "holds only the third axis of the body"),
+    "the whole attitude": ("SYMMETRIC[EA]", ml.SymmetricRotor(2.0), CONTROL, AXIS, "needs the attitude"),
+    "the moment along": (
+        "SYMMETRIC[EA]",
+        FREE_ROTOR,
+        T.PointMass(1.0),
+        FREE_AXIS,
+        r"write SymmetricRotor\(moment, along\)",
+    ),
+    "a tuple": ("JACOBI[EA]", FREE_BODY, a_tuple, FREE, "must return a midlie_jax.torques.Wrench"),
 }
 
 
@@ -196,12 +204,15 @@ def test_constructors_name_what_is_wrong():
         (lambda: ml.FreeBody([1.0, 2, 2], 3.0), r"FreeBody\(RigidBody\(moments\), mass\)"),
         (lambda: ml.FreeBody(RIGID, -3.0), "mass must be positive"),
         (lambda: ml.FreeBody(RIGID, [1.0, 2.0]), "mass must be"),
-        (lambda: ml.Rotor(-1.0), "moment must be positive"),
-        (lambda: ml.Rotor(1.0, 2.5), "must not exceed twice"),
+        (lambda: ml.SymmetricRotor(-1.0), "moment must be positive"),
+        (lambda: ml.SymmetricRotor(1.0, 2.5), "must not exceed twice"),
         (lambda: ml.AxisState([0.0, 0, 0], [0.0, 0, 2.0]), "axis must be a unit vector"),
         (lambda: ml.FreeState([0.0, 0, 0], [1.0, 0, 0, 0], [0.0, 0], [0.0, 0, 0]), "linear must have shape"),
-        (lambda: ml.linear_momentum(STAYING), "does not translate"),
-        (lambda: ml.angular_velocity(ml.Rotor(2.0), AXIS), "angular velocity of a Rotor is undefined"),
+        (lambda: ml.observe.linear_momentum(STAYING), "does not translate"),
+        (
+            lambda: ml.observe.angular_velocity(ml.SymmetricRotor(2.0), AXIS),
+            "angular velocity of a SymmetricRotor is undefined",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             make()
@@ -238,7 +249,7 @@ def test_simulate_names_what_it_writes(kind, tmp_path):
 
 
 WEIGHT, PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81]), ml.torques.PointMass(3.0)
-PUSH = ml.torques.Thrust([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+PUSH = ml.spacecraft.Thrust([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
 
 
 def test_a_sum_is_gravity_if_all_its_terms_are():

@@ -12,7 +12,7 @@ from laboratory.rivals.problem import Point
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.integrators.registry import ENTRIES
 
 
 def line(method: str, order: int, unit: float, counts=(1, 10, 100)) -> list[Point]:

@@ -15,7 +15,7 @@ from cases import CLASSES, ROTATION, by_turns, epsilon, equal_moments, quick, re
 from laboratory.free_bodies import spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.methods.runge_kutta import RungeKutta
+from midlie_jax.integrators.runge_kutta import RungeKutta
 
 STEPS, ROWS = 1500, 50
 FEW = [*CLASSES, "SYMMETRIC[EA]", "LIEMID[EA]"]
@@ -138,7 +138,7 @@ def motion(name, dtype):
         path = ml.integrate(
             name, body, torque, ml.RigidState(momentum, attitude), dt=dt, steps=STEPS, save_every=STEPS // ROWS
         )
-        return path.states, ml.energy(body, top, path.states), path.ok
+        return path.states, ml.observe.energy(body, top, path.states), path.ok
 
     given = numbers(dtype, equal_moments(name))
     return given, jax.tree.map(np.asarray, quick(jax.vmap(one))(*given))
@@ -197,7 +197,7 @@ def test_a_hundred_million_steps_of_one_body(name):
     start = ml.RigidState(jnp.array([0.2, 0.1, 1.0]), turn(0.3, 0.0, 0.0))
     steps = 100_000_000
     path = real(partial(ml.integrate, name, body, torque, start, dt=0.02, steps=steps, save_every=steps // 100))()
-    energy = ml.energy(body, torque, path.states)
+    energy = ml.observe.energy(body, torque, path.states)
     assert path.ok
     assert float(path.times[-1]) == pytest.approx(2e6, rel=1e-15)
     assert float(jnp.abs(energy - energy[0]).max()) <= 1e-3

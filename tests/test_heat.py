@@ -13,10 +13,10 @@ from scipy.linalg import expm
 
 import midlie_jax as ml
 from midlie_jax._xla import compiler
-from midlie_jax.methods import schemes
-from midlie_jax.methods.scheme_order import measured_weak_order
-from midlie_jax.methods.splitting import Splitting
-from midlie_jax.methods.stages import BATH, FLIGHT, KICK
+from midlie_jax.integrators import schemes
+from midlie_jax.integrators.scheme_order import measured_weak_order
+from midlie_jax.integrators.splitting import Splitting
+from midlie_jax.integrators.stages import BATH, FLIGHT, KICK
 from midlie_jax.model.bath import exposures
 
 KT, FRICTION = 0.7, 1.3
@@ -211,7 +211,7 @@ def kinds(count):
     tilted = Langevin(KT, tensors(1)[0] + jnp.eye(3), keys(count), tensors(1, seed=2)[0] + jnp.eye(3))
     plain, both = Langevin(KT, FRICTION, keys(count)), Langevin(KT, FRICTION, keys(count), 0.8)
     symmetric = Langevin(KT, [1.0, 1.0, 0.5], keys(count), [1.0, 1.0, 2.0])
-    rotor = ml.Rotor(2.0, 0.9)
+    rotor = ml.SymmetricRotor(2.0, 0.9)
     return {
         "momentum": (rigid, plain, ml.MomentumState(z), turning),
         "kT of time": (rigid, Langevin(lambda t: jnp.full_like(t, KT), FRICTION, keys(count)), rest, turning),
@@ -272,7 +272,9 @@ def test_every_way_of_running_a_bath_gives_the_same_states(kind, field):
 @pytest.mark.sample(0)
 def test_a_linear_molecule_does_not_spin():
     start = ml.AxisState(jnp.zeros((64, 3)), jnp.tile(jnp.array([0.0, 0.6, 0.8]), (64, 1)))
-    path = ensemble("SYMMETRIC[BAOAB]", ml.Rotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50)
+    path = ensemble(
+        "SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50
+    )
     along = np.sum(np.asarray(path.states.momentum * path.states.axis), -1)
     assert np.abs(along).max() < 1e-14
 
@@ -409,8 +411,8 @@ def test_a_run_goes_on_where_it_stopped(scheme):
 
 
 def of_spins(start, key, **run):
-    torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(KT, key)
-    return ml.integrate("SUBLATTICES[OBABO]", ml.Spins(damping=0.5), torque, start, dt=0.1, **run).states
+    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(KT, key)
+    return ml.integrate("SUBLATTICES[OBABO]", ml.spins.Spins(damping=0.5), torque, start, dt=0.1, **run).states
 
 
 def of_a_free_body(start, key, **run):
@@ -420,7 +422,7 @@ def of_a_free_body(start, key, **run):
 
 IN_BATHS = {
     of_a_free_body: ml.RigidState(np.array([0.1, 0.2, 1.0]), np.array([1.0, 0.0, 0.0, 0.0])),
-    of_spins: ml.SpinState(np.tile([0.6, 0.0, 0.8], (6, 1))),
+    of_spins: ml.spins.SpinState(np.tile([0.6, 0.0, 0.8], (6, 1))),
 }
 
 
@@ -544,7 +546,7 @@ def messages():
     run = {"dt": 0.1, "steps": 4}
     free = ml.FreeBody(body, 3.0)
     moving = ml.FreeState(start.momentum, start.attitude, start.momentum, start.momentum)
-    axis, rotor = ml.AxisState.of(start), ml.Rotor(2.0, 0.9)
+    axis, rotor = ml.AxisState.of(start), ml.SymmetricRotor(2.0, 0.9)
     several = at_rest(3)
     particle = ml.Particles(jnp.ones(1))
 
@@ -606,15 +608,21 @@ def messages():
             "Give the tensor",
         ),
         "many oblique axes": (many("SYMMETRIC[BAOAB]", rotor, axis, [1.0, 2.0, 3.0]), "with the first two equal"),
-        "many unknown spins": (many("SYMMETRIC[BAOAB]", ml.Rotor(2.0), axis, 1.0), r"Rotor\(moment, along\)"),
-        "unknown spin": (go("SYMMETRIC[BAOAB]", ml.Rotor(2.0), bath, axis), r"Rotor\(moment, along\)"),
+        "many unknown spins": (
+            many("SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0), axis, 1.0),
+            r"SymmetricRotor\(moment, along\)",
+        ),
+        "unknown spin": (
+            go("SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0), bath, axis),
+            r"SymmetricRotor\(moment, along\)",
+        ),
         "reversible": (go(adjoint=ml.Reversible()), "symmetric method"),
         "gradients": (
             lambda: schemes.Scheme("x", 2, (*schemes.BAOAB.stages,), gradients=(0.0, 0.0)),
             "has a bath, so averages are of weak order 2 at most; leave out gradients",
         ),
         "adaptive": (
-            lambda: ml.integrate_adaptive("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),
+            lambda: ml.integrate_variable_step("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),
             "would bias averages",
         ),
         "recommend": (
@@ -632,7 +640,7 @@ def messages():
 def test_an_oblique_axis_is_refused_also_after_a_run_that_was_right():
     """What is remembered of the first run is of its shapes, not of its numbers."""
     axis = ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
-    run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.Rotor(2.0, 1.0), start=axis, dt=0.1, steps=2)
+    run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 1.0), start=axis, dt=0.1, steps=2)
     assert run(torque=Langevin(KT, [1.0, 1.0, 3.0], jax.random.key(0))).ok
     with pytest.raises(ValueError, match="with the first two equal"):
         run(torque=Langevin(KT, [1.0, 2.0, 3.0], jax.random.key(0)))
@@ -707,7 +715,7 @@ def spheres():
         dt=0.2,
         steps=20,
         save_every=1,
-        observe=ml.observe.AngularVelocity(),
+        observe=ml.observe.angular_velocity,
     ).states
 
 

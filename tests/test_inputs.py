@@ -25,7 +25,14 @@ ORBIT = ml.orbits.CircularOrbit([1.0, 0, 0], [0.0, 1, 0], 1.0)
 # The type checkers of the tests stand in front of the package's own checks; users do not have them.
 integrate, energy, kinetic_energy, angular_velocity, spatial_momentum, method = map(
     inspect.unwrap,
-    (ml.integrate, ml.energy, ml.kinetic_energy, ml.angular_velocity, ml.spatial_momentum, ml.method),
+    (
+        ml.integrate,
+        ml.observe.energy,
+        ml.observe.kinetic_energy,
+        ml.observe.angular_velocity,
+        ml.observe.spatial_momentum,
+        ml.method,
+    ),
 )
 
 
@@ -57,7 +64,10 @@ BAD = {
     # bodies
     "negative moments": (lambda: ml.RigidBody(jnp.array([1.0, -2.0, 2.0])), "moments must be positive.*-2"),
     "zero moments": (lambda: ml.RigidBody(jnp.array([1.0, 0.0, 1.0])), "moments must be positive.*units"),
-    "moments of a thin rod": (lambda: ml.RigidBody([1.0, 1.0, 0.0]), r"for a thin rod.*use midlie_jax.Rotor\(moment\)"),
+    "moments of a thin rod": (
+        lambda: ml.RigidBody([1.0, 1.0, 0.0]),
+        r"for a thin rod.*use midlie_jax.SymmetricRotor\(moment\)",
+    ),
     "NaN moments": (lambda: ml.RigidBody(jnp.array([1.0, NAN, 1.0])), "moments must be positive and finite.*nan"),
     "infinite moments": (lambda: ml.RigidBody(jnp.array([1.0, jnp.inf, 1.0])), "moments must be positive and finite"),
     "unphysical moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0, 4.0])), "unphysical.*physical=False"),
@@ -103,7 +113,7 @@ BAD = {
         "must be a column or a row",
     ),
     "mass of rows or columns, in LieSolver": (
-        lambda: ml.RigidBodyTerm(ml.Particles(jnp.ones(3))).vf(0.0, at_rest((3, 3)), None),
+        lambda: ml.diffrax.RigidBodyTerm(ml.Particles(jnp.ones(3))).vf(0.0, at_rest((3, 3)), None),
         "body.mass must be a column or a row for y0.position",
     ),
     "mass of rows or columns, in the energy": (
@@ -159,9 +169,9 @@ BAD = {
     "weight text": (lambda: ml.torques.HeavyTop("x"), "weight must be an array of numbers"),
     "dipole shape": (lambda: ml.torques.DipoleInField(jnp.ones(2), jnp.ones(3)), r"moment must have shape \(3,\)"),
     "field NaN": (lambda: ml.torques.DipoleInField(jnp.ones(3), jnp.full(3, NAN)), "field must be finite"),
-    "mu infinite": (lambda: ml.torques.GravityGradient(jnp.ones(3), lambda t: None, np.inf), "mu must be .* finite"),
+    "mu infinite": (lambda: ml.spacecraft.GravityGradient(jnp.ones(3), lambda t: None, np.inf), "mu must be .* finite"),
     "mass infinite": (lambda: ml.torques.PointMass(np.inf), "mu must be positive and finite, got inf"),
-    "mu negative": (lambda: ml.torques.GravityGradient(jnp.ones(3), lambda t: None, -1.0), "mu must be positive"),
+    "mu negative": (lambda: ml.spacecraft.GravityGradient(jnp.ones(3), lambda t: None, -1.0), "mu must be positive"),
     "orbit shape": (lambda: ml.orbits.CircularOrbit(jnp.ones(2), jnp.ones(3), 1.0), r"position must have shape"),
     "orbit NaN": (lambda: ml.orbits.KeplerOrbit(jnp.ones(3), jnp.full(3, NAN), 1.0), "velocity must be finite"),
     "torque not callable": (lambda: go(torque=jnp.ones(3)), "torque must be None or a callable"),
@@ -177,16 +187,19 @@ BAD = {
         lambda: go(torque=ml.torques.HeavyTop(1.0), start=ml.MomentumState(jnp.ones(3))),
         "MomentumState holds no direction.*RigidState",
     ),
-    "energy of a callable": (lambda: ml.energy(BODY, returns(jnp.ones(3)), START), "no potential.*FromPotential"),
+    "energy of a callable": (
+        lambda: ml.observe.energy(BODY, returns(jnp.ones(3)), START),
+        "no potential.*FromPotential",
+    ),
     "energy of damping": (
-        lambda: ml.energy(BODY, ml.torques.VelocityDependent(returns(jnp.ones(3))), START),
+        lambda: ml.observe.energy(BODY, ml.torques.VelocityDependent(returns(jnp.ones(3))), START),
         "VelocityDependent has no potential",
     ),
     "spatial momentum": (lambda: spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
     "axis of two numbers": (lambda: ml.torques.HeavyTop(1.0, (0.0, 1.0)), r"axis must have shape \(3,\)"),
     "sum of nothing": (lambda: ml.torques.Sum(None), "a sum of torques needs at least one"),
     "control without attitude": (
-        lambda: go(torque=ml.torques.PDControl([1.0, 0, 0, 0], 1.0, 1.0), start=ml.MomentumState(jnp.ones(3))),
+        lambda: go(torque=ml.spacecraft.PDControl([1.0, 0, 0, 0], 1.0, 1.0), start=ml.MomentumState(jnp.ones(3))),
         "needs the attitude, which MomentumState does not have",
     ),
     "top of particles": (
@@ -194,7 +207,7 @@ BAD = {
         "ParticleState holds no direction",
     ),
     "principal moments in other axes": (
-        lambda: go(body=TENSOR, torque=ml.torques.GravityGradient([1.0, 2, 2.5], ORBIT, 1.0)),
+        lambda: go(body=TENSOR, torque=ml.spacecraft.GravityGradient([1.0, 2, 2.5], ORBIT, 1.0)),
         "moments refer to principal axes; give None",
     ),
     "energy of no body": (lambda: energy(5, None, START), "RigidState belongs to a RigidBody, but body is int"),
@@ -321,7 +334,7 @@ BAD = {
         "torque is float32 but start.momentum is float64",
     ),
     "NaN put in later": (
-        lambda: go(torque=shapes(ml.torques.HeavyTop, weight=jnp.array(NAN), axis=(0.0, 0.0, 1.0))),
+        lambda: go(torque=shapes(ml.torques.HeavyTop, mgl=jnp.array(NAN), axis=(0.0, 0.0, 1.0))),
         "torque must be finite",
     ),
 }
@@ -485,7 +498,7 @@ def test_functions_with_other_arguments_are_named_with_their_cure(monkeypatch):
         r"must be a function of \(t, state\), got one of \(t, state, body\)": [
             lambda: ml.torques.FromPotential(three),
             lambda: ml.integrate("RK4", body, None, start, **step, observe=three),
-            lambda: ml.integrate_adaptive("LIEMID[EA]", body, None, start, **step, density=three),
+            lambda: ml.integrate_variable_step("LIEMID[EA]", body, None, start, **step, density=three),
         ],
         r"must be a function of \(t, state, body\), got one of \(x\)": [lambda: ml.torques.BodyTorque(lambda x: x)],
     }

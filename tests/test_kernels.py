@@ -8,8 +8,8 @@ import re
 import pytest
 from cases import benchmark
 
-from midlie_jax.methods.extrapolation import Extrapolation
-from midlie_jax.methods.runge_kutta import RungeKutta
+from midlie_jax.integrators.extrapolation import Extrapolation
+from midlie_jax.integrators.runge_kutta import RungeKutta
 
 kernels = benchmark("kernels")
 

@@ -31,7 +31,7 @@ from cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
+from midlie_jax.integrators import schemes
 
 # Two bodies at halving steps; row r reaches time 1 at step 16 << r % 4. Then a row for each law that needs one.
 LEVELS = 4

@@ -30,7 +30,7 @@ def end(torque):
 
 
 def end_adaptive(torque):
-    path = ml.integrate_adaptive(
+    path = ml.integrate_variable_step(
         "LIEMID[EA]", BODY, torque, START, density=lambda t, state: 1 + t * t, dt=0.05, steps=12, save_every=12
     )
     return energy(path)

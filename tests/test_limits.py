@@ -1,4 +1,4 @@
-"""That steps fail where the limits of `methods/limits.py` say, on maps of `cli/stability.py`."""
+"""That steps fail where the limits of `integrators/limits.py` say, on maps of `cli/stability.py`."""
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +8,9 @@ from cases import RIGID_FLIGHTS, quick, whole
 
 import midlie_jax as ml
 from midlie_jax.cli import stability
-from midlie_jax.methods import limits
-from midlie_jax.methods.runge_kutta import DOP853, GBS12, RK4
-from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.integrators import limits
+from midlie_jax.integrators.runge_kutta import DOP853, GBS12, RK4
+from midlie_jax.integrators.schemes import SCHEMES
 from midlie_jax.model.inertia import Inertia
 from midlie_jax.model.torques import DipoleInField, FromPotential
 

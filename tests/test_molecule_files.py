@@ -23,7 +23,7 @@ BOX = 1.6
 def box_of_water(count=8, seed=0):
     """Body, points and a start in a periodic box."""
     rng = np.random.default_rng(seed)
-    body, points = ml.from_points(MASSES, PLACES)
+    body, points = ml.molecules.from_points(MASSES, PLACES)
     attitude = Rotation.random(count, rng).as_quat(scalar_first=True)
     place = np.stack(np.meshgrid(*[[0.05, 0.85]] * 3), -1).reshape(-1, 3)[:count]
     momentum, linear = 0.05 * rng.normal(size=(2, count, 3))
@@ -32,7 +32,7 @@ def box_of_water(count=8, seed=0):
 
 def as_atoms(body: Any, points, state, wrap=True) -> Any:
     """The atoms as ase holds them."""
-    places = np.asarray(ml.sites(state, points))
+    places = np.asarray(ml.molecules.sites(state, points))
     spin = np.asarray(ml.so3.rotate(state.attitude, state.momentum / body.body.moments[None]))
     arms = places - np.asarray(state.position)[:, None]
     velocities = np.asarray(state.linear)[:, None] / float(body.mass) + np.cross(spin[:, None], arms)
@@ -65,7 +65,9 @@ def test_a_start_comes_from_a_file(name, written, options, digits, tmp_path):
     np.testing.assert_allclose(*moments, rtol=40 * digits)
     np.testing.assert_allclose(found.box, [BOX] * 3, atol=1e-4)
     # At the images that the file has: the same atoms, up to whole boxes.
-    way = (np.asarray(ml.sites(found.start, found.points)) - np.asarray(ml.sites(start, points))) / BOX
+    way = (
+        np.asarray(ml.molecules.sites(found.start, found.points)) - np.asarray(ml.molecules.sites(start, points))
+    ) / BOX
     assert np.abs(way - np.round(way)).max() * BOX < 2 * digits
     if name.endswith(("xyz", "data")):
         np.testing.assert_allclose(found.start.linear, start.linear, atol=1e-3)
@@ -93,7 +95,7 @@ def test_a_trajectory_is_read_by_others(tmp_path):
     frames: Any = io.read(tmp_path / "sites.xyz", index=":")
     assert len(frames) == 3
     assert frames[0].get_chemical_symbols() == ["O", "H", "H"] * 4
-    places = np.asarray(jax.vmap(lambda s: ml.sites(s, points))(path.states))
+    places = np.asarray(jax.vmap(lambda s: ml.molecules.sites(s, points))(path.states))
     np.testing.assert_allclose(frames[2].get_positions(), 10 * places[2].reshape(-1, 3), atol=1e-7)
     np.testing.assert_allclose(np.diag(frames[1].get_cell()), [10 * BOX] * 3)
     np.testing.assert_array_equal(frames[1].arrays["molecule"], np.repeat([1, 2, 3, 4], 3))
@@ -119,7 +121,7 @@ def test_what_cannot_be_read_or_written(tmp_path):
     with pytest.raises(ValueError, match="must be equal"):
         molecules.read(tmp_path / "w.xyz", 3)
     io.write(tmp_path / "w.xyz", ase.Atoms("OCO", [[0, 0, -1.16], [0, 0, 0], [0, 0, 1.16]]))
-    with pytest.raises(ValueError, match=r"on a line.*Use midlie_jax.from_points"):
+    with pytest.raises(ValueError, match=r"on a line.*Use midlie_jax.molecules.from_points"):
         molecules.read(tmp_path / "w.xyz", 3)
     path = ml.integrate("JACOBI[EA]", body, None, start.of_body(0), dt=0.001, steps=1)
     with pytest.raises(ValueError, match="one run of a CoupledState"):

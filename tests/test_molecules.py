@@ -17,11 +17,11 @@ CUTOFF, DAMPING = 0.9, 2.0
 START, EDGE = water.box()
 SITES = 2  # oxygen and one hydrogen, with all kinds of pairs, compile in half the time
 POINTS, DATA = water.POINTS[:SITES], [x[:SITES] for x in (water.CHARGES, water.SIGMAS, water.EPSILONS)]
-PLACES = np.asarray(ml.sites(START, POINTS))
+PLACES = np.asarray(ml.molecules.sites(START, POINTS))
 
 
 def listed(state=START, single=False):
-    places = ml.sites(state, POINTS)
+    places = ml.molecules.sites(state, POINTS)
     return DampedPairs(neighbour_list(places, EDGE, CUTOFF, 0.1, slots=180), POINTS, *DATA, EDGE, single=single)
 
 
@@ -65,7 +65,7 @@ def of_all_pairs():
             v, f = pair(r, charge, water.SIGMAS[0], water.EPSILONS[0] if p == q == 0 else 0.0)
             energy += np.sum(np.where(inside, v, 0)) / 2
             forces[:, p] += np.sum(np.where(inside, f / r, 0)[..., None] * d, axis=1)
-    return energy, ml.wrench_on_sites(START, POINTS, forces)
+    return energy, ml.molecules.wrench_on_sites(START, POINTS, forces)
 
 
 @pytest.mark.sample(1)
@@ -130,7 +130,7 @@ def test_the_dimer_has_the_known_energies_and_forces():
     body, torque = water.molecules(2), ml.torques.FromPotential(water.dimer_energy)
 
     def of_start(state):
-        return torque(0.0, state), torque.potential(0.0, state), jnp.sum(ml.kinetic_energy(body, state))
+        return torque(0.0, state), torque.potential(0.0, state), jnp.sum(ml.observe.kinetic_energy(body, state))
 
     found, potential, kinetic = jax.jit(of_start)(water.dimer())
     np.testing.assert_allclose(potential, -14.1713118855, atol=1e-10)

@@ -10,7 +10,7 @@ from cases import DTYPES, MOMENTUM_FLIGHTS, RIGID_FLIGHTS, epsilon, quick, real
 
 import midlie_jax as ml
 from midlie_jax._math import components as cp
-from midlie_jax.methods import flights
+from midlie_jax.integrators import flights
 
 # Bodies and momenta where formulas of free bodies have their special cases.
 SPECIAL = (

@@ -284,7 +284,7 @@ def test_a_run_takes_a_table_from_its_first_time_to_its_last(name):
     """Also methods that ask within a step, and those that keep the force of the step before."""
     states = []
     for orbit in (tabled(jnp.linspace(-1.0, 2.0, 601)), HYPERBOLA):
-        torque = torques.GravityGradient(BODY.moments, orbit, MU)
+        torque = ml.spacecraft.GravityGradient(BODY.moments, orbit, MU)
         path = ml.integrate(name, BODY, torque, START, **RUN, save_every=60)
         assert path.ok
         states.append(np.asarray(path.states.momentum))
@@ -292,7 +292,7 @@ def test_a_run_takes_a_table_from_its_first_time_to_its_last(name):
 
 
 def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
-    torque = torques.GravityGradient(BODY.moments, tabled(), MU) + torques.Damping(0.1)
+    torque = ml.spacecraft.GravityGradient(BODY.moments, tabled(), MU) + torques.Damping(0.1)
     starts = jax.tree.map(lambda x: jnp.stack([x, x]), START)
     long = {**RUN, "steps": 61}
     message = r"holds a TableOrbit from t = -1 to 2, but the run needs times from -1 to 2.05"
@@ -309,12 +309,12 @@ def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
         ml.ensemble("JACOBI[EA]", BODY, drag, starts, dt=0.05, steps=10, t0=jnp.array([0.0, 1.8]))
     density = ml.densities.OrbitalDistance(tabled(), Q)
     with pytest.raises(ValueError, match="density holds a TableOrbit"):
-        ml.integrate_adaptive("JACOBI[EA]", BODY, None, START, density=density, dt=0.1, steps=99, t1=2.5)
+        ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=density, dt=0.1, steps=99, t1=2.5)
 
 
 @pytest.mark.sample(0)
 def test_a_table_that_is_left_under_jit_is_a_flag():
-    torque = torques.GravityGradient(BODY.moments, tabled(), MU)
+    torque = ml.spacecraft.GravityGradient(BODY.moments, tabled(), MU)
     run = jax.jit(lambda t0: ml.integrate("JACOBI[EA]", BODY, torque, START, dt=0.05, steps=4, t0=t0).ok)
     assert run(1.8)
     assert not run(1.85)
@@ -389,7 +389,7 @@ def gradient_on(kind, place, speed, mu):
         "ellipse": lambda: orbits.KeplerOrbit(place, speed, own),
         "table": lambda: orbits.TableOrbit(angle[:, 0] * place[0] / speed[1], rows),
     }
-    return torques.GravityGradient(None, made[kind](), mu)
+    return ml.spacecraft.GravityGradient(None, made[kind](), mu)
 
 
 @pytest.mark.parametrize("kind", ["circle", "ellipse", "table"])
@@ -409,4 +409,4 @@ def test_legal_orbits_of_any_speed_pass_the_check_of_units():
     fast = orbits.KeplerOrbit([100.0, 0.0, 0.0], [0.0, 30.0, 0.0], 1.0)
     still = orbits.TableOrbit([0.0, 1.0], [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     for orbit in (thin, fast, still, lambda t: jnp.array([1.0, 0.0, 0.0])):
-        torques.GravityGradient(None, orbit, 1.0)
+        ml.spacecraft.GravityGradient(None, orbit, 1.0)

@@ -10,7 +10,7 @@ from functools import cache
 
 import pytest
 
-from midlie_jax.methods import rkn8, schemes
+from midlie_jax.integrators import rkn8, schemes
 
 DIGITS = 60
 TABLES = [name for name, s in schemes.SCHEMES.items() if not s.gradients and not s.random]

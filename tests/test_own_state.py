@@ -106,9 +106,9 @@ def test_the_energy_is_kept_by_a_symplectic_method():
     path = quick(
         lambda: ml.integrate(ml.method(Travel(), "EA"), BODY, pull(), START, dt=0.01, steps=400, save_every=10)
     )()
-    energies = np.asarray(ml.energy(BODY, pull(), path))
+    energies = np.asarray(ml.observe.energy(BODY, pull(), path))
     assert path.ok
-    assert np.ptp(energies) < 3e-3 * np.ptp(np.asarray(ml.kinetic_energy(BODY, path.states)))
+    assert np.ptp(energies) < 3e-3 * np.ptp(np.asarray(ml.observe.kinetic_energy(BODY, path.states)))
 
 
 @pytest.mark.sample(0)
@@ -132,7 +132,7 @@ def test_ensemble_simulate_and_a_split_run_give_the_run_of_one(tmp_path):
 
 @pytest.mark.sample(0)
 def test_adaptive_steps_follow_a_density(truth):
-    path = ml.integrate_adaptive(
+    path = ml.integrate_variable_step(
         ml.method(Travel(), "EA"),
         BODY,
         pull(),
@@ -150,12 +150,12 @@ def test_adaptive_steps_follow_a_density(truth):
 @pytest.mark.parametrize("dense", ["cubic", *whole("step")])
 def test_diffrax_takes_it(dense, truth):
     """Constant and controlled steps, dense output, and diffrax's own solver of the same term."""
-    term = ml.RigidBodyTerm(BODY, pull())
+    term = ml.diffrax.RigidBodyTerm(BODY, pull())
     times = jnp.array([SPAN / 3, SPAN])
-    control = diffrax.PIDController(rtol=0, atol=1e-5, norm=ml.RotationNorm())
+    control = diffrax.PIDController(rtol=0, atol=1e-5, norm=ml.diffrax.RotationNorm())
     ours = diffrax.diffeqsolve(
         term,
-        ml.LieSolver(ml.method(Travel(), "EA"), dense=dense),
+        ml.diffrax.LieSolver(ml.method(Travel(), "EA"), dense=dense),
         0.0,
         SPAN,
         0.01,
@@ -227,7 +227,7 @@ def test_wrong_forces_are_refused_with_what_is_wanted():
     def short(t, state):
         return Momenta(jnp.zeros(3), jnp.zeros(2))
 
-    wanted = "must return a midlie_jax.Wrench", r"must return float64\[3\].*got float64\[2\]"
+    wanted = "must return a midlie_jax.torques.Wrench", r"must return float64\[3\].*got float64\[2\]"
     for torque, message in zip((several, short), wanted, strict=True):
         with pytest.raises(ValueError, match=message):
             ml.integrate(ml.method(Travel(), "EA"), BODY, torque, START, dt=0.01, steps=1)

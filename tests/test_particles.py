@@ -207,7 +207,10 @@ def test_energy_momentum_and_derivatives_of_a_column(dtype):
     np.testing.assert_allclose(body.velocity(momentum), momentum / np.asarray(mass), rtol=slack)
     column, flat = ml.ParticleState(momentum, position), ml.ParticleState(momentum.ravel(), position.ravel())
     force = ml.torques.FromPotential(bonds)
-    for of in (lambda b, s: ml.kinetic_energy(b, s), lambda b, s: ml.energy(b, force, s, t=jnp.asarray(0.3, dtype))):
+    for of in (
+        lambda b, s: ml.observe.kinetic_energy(b, s),
+        lambda b, s: ml.observe.energy(b, force, s, t=jnp.asarray(0.3, dtype)),
+    ):
         np.testing.assert_allclose(of(body, column), of(ml.Particles(repeated), flat), rtol=slack)
 
     def end(mass, momentum, position):
@@ -241,9 +244,11 @@ def test_a_column_in_diffrax(name):
     ends = []
     for mass, shape in ((NODE_MASS[:, None], (NODES, 3)), (np.repeat(NODE_MASS, 3), (-1,))):
         start = ml.ParticleState(momentum.reshape(shape), position.reshape(shape))
-        term = ml.RigidBodyTerm(ml.Particles(mass), ml.torques.FromPotential(bonds))
+        term = ml.diffrax.RigidBodyTerm(ml.Particles(mass), ml.torques.FromPotential(bonds))
         control = diffrax.PIDController(1e-4, 1e-4)
-        solution = diffrax.diffeqsolve(term, ml.LieSolver(name), 0.0, 0.3, 0.01, start, stepsize_controller=control)
+        solution = diffrax.diffeqsolve(
+            term, ml.diffrax.LieSolver(name), 0.0, 0.3, 0.01, start, stepsize_controller=control
+        )
         ends.append((int(solution.stats["num_steps"]), solution.ys.position[-1].ravel()))
     assert ends[0][0] == ends[1][0]
     np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=1e-12)
@@ -274,12 +279,12 @@ def test_energy_of_a_chain_is_kept_by_symplectic_methods():
     body, torque = ml.Particles(jnp.asarray(MASS)), ml.torques.FromPotential(potential)
     start = ml.ParticleState(jnp.asarray(PUSH), jnp.asarray(PLACE))
     np.testing.assert_allclose(torque(0.0, start), pull(np, np.float64(0.0), PLACE), atol=4 * epsilon("float64"))
-    assert ml.kinetic_energy(body, start) == pytest.approx(PUSH @ np.linalg.solve(MASS, PUSH) / 2, rel=1e-15)
+    assert ml.observe.kinetic_energy(body, start) == pytest.approx(PUSH @ np.linalg.solve(MASS, PUSH) / 2, rel=1e-15)
     spans = []
     for save_every in (5, 10):
         dt = 0.25 / save_every
         path = ml.integrate("Verlet", body, torque, start, dt=dt, steps=40 * save_every, save_every=save_every)
-        energies = jax.vmap(lambda state: ml.energy(body, torque, state))(path.states)
+        energies = jax.vmap(lambda state: ml.observe.energy(body, torque, state))(path.states)
         spans.append(float(jnp.max(jnp.abs(energies - energies[0]))))
     assert spans[0] / spans[1] == pytest.approx(4, rel=0.1)
 

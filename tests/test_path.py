@@ -19,19 +19,19 @@ BODY = ml.RigidBody([1.0, 2.0, 2.5])
 START = ml.RigidState([0.3, 1.0, -0.2], [1.0, 0.0, 0.0, 0.0])
 
 
-@pytest.fixture(scope="module", params=["Path", "AdaptivePath"])
+@pytest.fixture(scope="module", params=["Path", "VariableStepPath"])
 def path(request):
     run = {"dt": 0.1, "steps": 4}
     if request.param == "Path":
         return ml.integrate("JACOBI[EA]", BODY, None, START, **run)
-    return ml.integrate_adaptive("JACOBI[EA]", BODY, None, START, density=_density, **run)
+    return ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=_density, **run)
 
 
 def _density(t, state):
     return 1 + state.momentum[2] ** 2
 
 
-GENERIC = [ml.Path, ml.AdaptivePath, ml.Simulation, ml.plot.Crossings]
+GENERIC = [ml.Path, ml.VariableStepPath, ml.simulation.Simulation, ml.plot.Crossings]
 
 
 @pytest.mark.parametrize("kind", GENERIC)
@@ -78,7 +78,7 @@ def test_a_path_goes_through_transformations(path):
     np.testing.assert_array_equal(slope.momentum, jnp.ones_like(path.states.momentum))
 
 
-def _total(path: ml.Path[ml.RigidState] | ml.AdaptivePath[ml.RigidState]) -> jax.Array:
+def _total(path: ml.Path[ml.RigidState] | ml.VariableStepPath[ml.RigidState]) -> jax.Array:
     return jnp.sum(path.states.momentum)
 
 
@@ -122,7 +122,7 @@ def test_a_path_of_every_kind_of_state_is_a_dataset(state, tmp_path):
 
 
 def test_observed_values_are_tables_too(tmp_path):
-    observe = {"energy": ml.observe.Energy(), "axis": ml.observe.Axis()}
+    observe = {"energy": ml.observe.energy, "axis": ml.observe.Axis()}
     path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2, observe=observe)
     path.to_csv(tmp_path / "run.csv")
     assert (tmp_path / "run.csv").read_text().split("\n")[0] == "time,axis_0,axis_1,axis_2,energy,ok"

@@ -24,7 +24,7 @@ import midlie_jax as ml
 from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
 from midlie_jax.drivers.clock import time_of
-from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.integrators.registry import ENTRIES
 from midlie_jax.model.torques.reads_body import ReadsBody
 
 STEPS = 66
@@ -233,7 +233,7 @@ def simulated(case: Case, tmp_path: Any) -> Any:
     They must have the same bits, but for the frame of a tensor: see `TensorBody`.
     """
 
-    def run(name: str, start: Any, steps: int, **cut: Any) -> ml.Simulation[Any]:
+    def run(name: str, start: Any, steps: int, **cut: Any) -> ml.simulation.Simulation[Any]:
         given = {"dt": DT, "t0": T0, "steps": steps, "save_every": 22, "progress": False, "chunk": 2, **cut}
         torque, given["torque_axes"] = case.torque(case.keys()), case.torque_axes
         return ml.simulate(case.scene.method, case.body, torque, start, out=tmp_path / f"{name}.zarr", **given)
@@ -250,11 +250,11 @@ def simulated(case: Case, tmp_path: Any) -> Any:
 
 def solved(case: Case, tmp_path: Any) -> Any:
     """`LieSolver` with constant steps."""
-    term = ml.RigidBodyTerm(case.body, case.torque(case.keys()[0]))
+    term = ml.diffrax.RigidBodyTerm(case.body, case.torque(case.keys()[0]))
     times = jnp.asarray(T0 + DT * np.arange(STEPS + 1), case.dtype)
     solution = diffrax.diffeqsolve(
         term,
-        ml.LieSolver(case.scene.method),
+        ml.diffrax.LieSolver(case.scene.method),
         times[0],
         times[-1],
         None,
@@ -309,7 +309,7 @@ def dtype_of(*names: str) -> str:
 
 def is_solvable(name: str) -> bool:
     """Whether diffrax can solve a scene: without noise, not of spins, and not one that `LieSolver` refuses."""
-    return not (SCENES[name].random or isinstance(SCENES[name].start, (ml.SpinState, ml.CompensatedState)))
+    return not (SCENES[name].random or isinstance(SCENES[name].start, (ml.spins.SpinState, ml.CompensatedState)))
 
 
 def first_of_each() -> list[tuple[str, str]]:
@@ -410,7 +410,7 @@ def numbers_of(case: Case) -> tuple[Any, Any, Any]:
         return jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), tree)
 
     direction, weights = normal(given[0]), normal(start)
-    if isinstance(start, ml.SpinState):
+    if isinstance(start, ml.spins.SpinState):
         across = direction[0].spin - along(direction[0].spin, start.spin)
         direction = eqx.tree_at(lambda d: d[0].spin, direction, across)
     if isinstance(start, ml.CompensatedState):
@@ -506,8 +506,8 @@ def test_derivatives_agree(name, way):
 # ---- what is observed ----
 
 OBSERVED = {
-    "rigid": [ml.observe.AngularVelocity(), ml.observe.Axis(), ml.observe.Energy(), ml.observe.SpatialMomentum()],
-    "free": [ml.observe.Position(), ml.observe.Velocity(), ml.observe.Energy()],
+    "rigid": [ml.observe.angular_velocity, ml.observe.Axis(), ml.observe.energy, ml.observe.spatial_momentum],
+    "free": [ml.observe.position, ml.observe.linear_velocity, ml.observe.energy],
 }
 STATISTICS = {
     "mean": ml.observe.Mean(ml.observe.Axis()),
@@ -597,6 +597,6 @@ def test_a_torque_is_minus_the_slope_of_its_potential(name):
         return torque(t, start), ml.torques.FromPotential(torque.potential)(t, start)
 
     for found, expected in zip(*map(jax.tree.leaves, both(jnp.asarray(0.4))), strict=True):
-        if isinstance(start, ml.SpinState):
+        if isinstance(start, ml.spins.SpinState):
             found, expected = (x - along(x, np.asarray(start.spin)) for x in (found, expected))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * max(1.0, float(np.abs(expected).max())))

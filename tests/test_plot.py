@@ -136,7 +136,7 @@ def test_a_polhode_lies_on_the_ellipsoid_of_its_energy(solid, free, kind, turned
     drawn = points_of(solid)
     weights = 1 / MOMENTS if kind == "momentum" else MOMENTS
     np.testing.assert_allclose(drawn**2 @ weights, twice, rtol=1e-12)
-    known = ml.angular_velocity(BRICK, free.states) if kind == "velocity" else free.states.momentum
+    known = ml.observe.angular_velocity(BRICK, free.states) if kind == "velocity" else free.states.momentum
     np.testing.assert_allclose(np.abs(points), np.abs(known), atol=1e-10)  # an axis of a tensor may point either way
     assert_no_names_collide(solid)
 
@@ -181,8 +181,8 @@ def test_what_faces_the_viewer_is_drawn_in_front():
 def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat, precessing):
     found = ml.plot.conserved(flat, *jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, GRAVITY)), precessing)
     states = jax.tree.map(lambda x: x.astype(jnp.float64), precessing.states)
-    energy = np.asarray(ml.energy(TOP, GRAVITY, states))
-    vertical = np.asarray(ml.spatial_momentum(states))[:, 2]
+    energy = np.asarray(ml.observe.energy(TOP, GRAVITY, states))
+    vertical = np.asarray(ml.observe.spatial_momentum(states))[:, 2]
     np.testing.assert_allclose(found.energy, (energy - energy[0]) / abs(energy[0]), atol=1e-13)
     np.testing.assert_allclose(found.momentum, np.abs(vertical - vertical[0]) / 50.0, atol=1e-13)
     bold = [line for line in flat.lines if line.get_linewidth() == 2.0]
@@ -281,12 +281,12 @@ def test_a_failed_run_is_drawn_up_to_there_and_says_so(free):
 
 
 def test_repeated_times_are_drawn_once(flat, free):
-    """As those at the end of `integrate_adaptive` are."""
+    """As those at the end of `integrate_variable_step` are."""
     from midlie_jax.plot.motion import motion_of
 
     index = jnp.array([0, 1, 2, 3, 4, 4, 4])
     states = jax.tree.map(lambda x: x[index], free.states)
-    path = ml.AdaptivePath(
+    path = ml.VariableStepPath(
         free.times[index], states, jnp.asarray(True), jnp.asarray(7), None, free.times[index], jnp.asarray(4)
     )
     found = motion_of(path)

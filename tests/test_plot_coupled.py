@@ -65,7 +65,7 @@ def test_all_bodies_are_drawn_where_they_are():
 
 @pytest.mark.sample(0)
 def test_a_rod_is_drawn_as_bodies_that_touch():
-    body, _, start = ml.straight_rod(
+    body, _, start = ml.molecules.straight_rod(
         9, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
         length=3.0, radius=0.1, density=1.0, youngs_modulus=10.0,
     )  # fmt: skip
@@ -149,7 +149,7 @@ def test_the_sums_of_the_momenta_are_conserved():
 
 
 def test_what_conserves_the_momentum_is_known():
-    assert kept_by(ml.torques.MutualGravity(1.0)) == kept_by(None)
+    assert kept_by(ml.asteroids.MutualGravity(1.0)) == kept_by(None)
     along: Any = kept_by(ml.torques.OnEach(GRAVITY))
     assert along.letter == "g"
     assert add_up_to_zero(np.array([[[1.0, 2.0, 3.0], [-1.0, -2.0, -3.0]]]))

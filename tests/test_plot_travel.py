@@ -26,7 +26,7 @@ from midlie_jax.simulation.saved import saved_path
 HALF, MASS = np.array([0.3, 0.2, 0.5]), 4.0  # the half sides of a brick
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]
 TOP = ml.RigidBody([5.0, 5.0, 1.0])
-ROTOR = ml.Rotor(5.0, 1.0)
+ROTOR = ml.SymmetricRotor(5.0, 1.0)
 GRAVITY = ml.torques.UniformGravity([0.0, 0.0, -9.81])
 TIMES = jnp.linspace(0.0, 2.0, 41)
 
@@ -220,7 +220,7 @@ def test_a_view_holds_the_track_and_the_body_on_it(tmp_path):
     assert [axis["title"]["text"] for axis in axes] == ["x [length]", "y [length]", "z [length]"]
 
 
-@pytest.mark.parametrize("rotor", [ml.Rotor(5.0, 1.0), ml.Rotor(1.0, 2.0), ml.Rotor(2.0)])
+@pytest.mark.parametrize("rotor", [ml.SymmetricRotor(5.0, 1.0), ml.SymmetricRotor(1.0, 2.0), ml.SymmetricRotor(2.0)])
 def test_the_cylinder_of_a_rotor_has_its_moments(rotor):
     """I3 = r^2 / 2 and I1 = r^2 / 4 + c^2 / 3 for unit mass; what is flat or thin is drawn a little thicker."""
     shape = shape_of(rotor)
@@ -312,7 +312,7 @@ FORCES = {
     "gravity and torque": (GRAVITY + UP, "total momentum along gravity", False),
     "gravity and point mass": (GRAVITY + MU, "total momentum along gravity", False),
     "gravity across": (ml.torques.UniformGravity([1.0, 0.0, 0.0]) + UP, None, False),
-    "thrust": (ml.torques.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), ValueError, False),
+    "thrust": (ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), ValueError, False),
     "drag": (ml.torques.Drag([0.0, 0.0, 0.1], 0.1, 1.0), ValueError, False),
 }
 
@@ -339,7 +339,7 @@ def test_what_is_said_to_be_conserved_is_conserved(torque, momentum, linear):
 
 
 def test_a_sum_of_forces_keeps_what_each_of_them_keeps():
-    for torque in (MU + FLAT + OTHER, GRAVITY + FLAT, MU + ml.torques.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0])):
+    for torque in (MU + FLAT + OTHER, GRAVITY + FLAT, MU + ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0])):
         assert kept_by(torque) is None
         assert kept_by(torque + torque) is None
     assert kept_by(MU + MU) == kept_by(None)

@@ -10,7 +10,7 @@ import pytest
 from cases import DTYPES, METHODS, epsilon, numbers, quick, real, turn, whole
 
 import midlie_jax as ml
-from midlie_jax.methods.runge_kutta import RungeKutta
+from midlie_jax.integrators.runge_kutta import RungeKutta
 
 KEEPING = [method.name for method in METHODS if method.keeps_energy]
 STEPS, DT = 2000, 0.25
@@ -77,11 +77,11 @@ def invariants(case, states):
     """
     body, torque, _, _ = CASES[case]
     states = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), states)
-    energy = np.asarray(ml.energy(body, torque, states))
-    kinetic = np.asarray(ml.kinetic_energy(body, states))
+    energy = np.asarray(ml.observe.energy(body, torque, states))
+    kinetic = np.asarray(ml.observe.kinetic_energy(body, states))
     size = np.max(kinetic) + np.max(np.abs(energy - kinetic))
     if isinstance(states, ml.RigidState):
-        momentum = ml.spatial_momentum(states)
+        momentum = ml.observe.spatial_momentum(states)
     elif isinstance(states, ml.DirectionState):
         momentum = jnp.sum(states.momentum * states.direction, axis=-1, keepdims=True)
     else:
@@ -181,8 +181,8 @@ def test_what_a_step_cannot_keep_it_says(name, dtype):
         return path.states, path.ok
 
     def energies(moments, weight, states):
-        kinetic = ml.kinetic_energy(ml.RigidBody(moments), states)
-        return kinetic, ml.energy(ml.RigidBody(moments), ml.torques.HeavyTop(weight), states)
+        kinetic = ml.observe.kinetic_energy(ml.RigidBody(moments), states)
+        return kinetic, ml.observe.energy(ml.RigidBody(moments), ml.torques.HeavyTop(weight), states)
 
     errors, fine = {}, {}
     for method in (plain(name), name):
@@ -216,7 +216,7 @@ NOT_CONSERVED = {
     "a potential that changes": ml.torques.FromPotential(lambda t, s: jnp.cos(t) * ml.so3.to_matrix(s.attitude)[2, 2]),
     "damped": TOP + ml.torques.Damping(0.1),
     # Rotors do no work, so that the energy is constant, but their torque is not that of a potential.
-    "rotors": TOP + ml.torques.Rotors([0.3, 0.0, 0.5]),
+    "rotors": TOP + ml.spacecraft.MomentumWheels([0.3, 0.0, 0.5]),
 }
 
 

@@ -58,7 +58,7 @@ def test_other_drivers_have_reasons_of_their_own():
     far = ml.free_motion(body, FAST, [0.0, 1e20])
     assert far.result == RESULTS.phase_lost
     assert "nearer to the start" in str(far.result)
-    run = partial(ml.integrate_adaptive, "SYMMETRIC[EA]", body, None, FAST, dt=1e-3)
+    run = partial(ml.integrate_variable_step, "SYMMETRIC[EA]", body, None, FAST, dt=1e-3)
     assert run(density=lambda t, s: jnp.ones_like(t), steps=4, t1=1.0).result == RESULTS.end_not_reached
     jump = run(density=lambda t, s: jnp.where(t < 2.5e-3, 1.0, 9.0).astype(t.dtype), steps=8)
     assert jump.result == RESULTS.density_lost
@@ -74,8 +74,13 @@ MADE = {
     "rigid": (ml.RigidBody, FAST, [[1, 1, 2.0], [1, 2.0000001, 1], [2.5, 2, 3]], [[1, 1, 5], [-1, 1, 1], [1, 1, 0]]),
     "any moments": (lambda m: ml.RigidBody(m, physical=False), FAST, [[1.0, 1, 5]], [[-1, 1, 1.0], [1, 1, jnp.nan]]),
     "tensor": (lambda m: ml.TensorBody(jnp.diag(m)), FAST, [[1, 2.0, 3]], [[1, 1.0, 5], [1, -1, 1]]),
-    "rotor": (ml.Rotor, AXIS, [1.0], [-1.0, 0.0, jnp.inf]),
-    "rotor with both": (lambda m: ml.Rotor(m[0], m[1]), AXIS, [[1, 0.0], [1, 2.0000001]], [[1, 2.1], [1, -0.1]]),
+    "rotor": (ml.SymmetricRotor, AXIS, [1.0], [-1.0, 0.0, jnp.inf]),
+    "rotor with both": (
+        lambda m: ml.SymmetricRotor(m[0], m[1]),
+        AXIS,
+        [[1, 0.0], [1, 2.0000001]],
+        [[1, 2.1], [1, -0.1]],
+    ),
     "free": (lambda m: ml.FreeBody(ml.RigidBody([1.0, 2, 2.5]), m), FREE, [1.0], [-1.0, 0.0]),
     "free rotor": (lambda m: ml.FreeBody(ml.RigidBody(m), 1.0), FREE, [[1, 2, 2.5]], [[1, 1, 5.0]]),
     "coupled": (
@@ -116,7 +121,7 @@ DRIVERS = {
     "ensemble": lambda body, start: ml.ensemble(
         "JACOBI[EA]", body, None, jax.tree.map(lambda x: x[None], start), dt=1e-3, steps=2
     ),
-    "adaptive": lambda body, start: ml.integrate_adaptive(
+    "adaptive": lambda body, start: ml.integrate_variable_step(
         "JACOBI[EA]", body, None, start, dt=1e-3, steps=2, density=lambda t, s: jnp.ones_like(t)
     ),
     "free motion": lambda body, start: ml.free_motion(body, start, [0.0, 1.0]),
@@ -140,9 +145,9 @@ def test_diffrax_ends_at_a_body_that_cannot_be():
     @quick
     @jax.vmap
     def run(numbers):
-        term, controller = ml.RigidBodyTerm(ml.RigidBody(numbers)), diffrax.PIDController(1e-3, 1e-3)
+        term, controller = ml.diffrax.RigidBodyTerm(ml.RigidBody(numbers)), diffrax.PIDController(1e-3, 1e-3)
         options = {"stepsize_controller": controller, "throw": False, "max_steps": 64}
-        return diffrax.diffeqsolve(term, ml.LieSolver(), 0.0, 0.1, 0.01, FAST, **options).result
+        return diffrax.diffeqsolve(term, ml.diffrax.LieSolver(), 0.0, 0.1, 0.01, FAST, **options).result
 
     found = run(jnp.array([[5.0, 4.0, 1.5], [5.0, 1.0, 1.5]]))
     assert (found == diffrax.RESULTS.successful).tolist() == [True, False]
@@ -165,7 +170,7 @@ WAYS = {
         )
     )(many),
     "adaptive": lambda torque, many, adjoint, weight: jax.vmap(
-        lambda s: ml.integrate_adaptive(
+        lambda s: ml.integrate_variable_step(
             "JACOBI[EA]",
             moments("JACOBI[EA]"),
             torque,
@@ -180,7 +185,7 @@ WAYS = {
         lambda s: ml.free_motion(ml.RigidBody(weight * jnp.array([0.25, 0.2, 0.08])), s, jnp.array([0.0, 1e-3, 2e-3]))
     )(many),
     "observed": lambda torque, many, adjoint, weight: ml.ensemble(
-        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, observe=ml.observe.Energy()
+        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, observe=ml.observe.energy
     ),
 }
 CASES = [("ensemble", "kept"), ("integrate", "backwards"), ("closed over", "kept"), ("observed", "kept")]
@@ -272,7 +277,7 @@ def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
     for start in starts:
         path = run(start, limit * factors)
         ok, unstable = (np.asarray(x) for x in (path.ok, path.result == RESULTS.unstable))
-        energy = np.asarray(jax.vmap(lambda path: ml.energy(body, torque, path))(path))
+        energy = np.asarray(jax.vmap(lambda path: ml.observe.energy(body, torque, path))(path))
         np.testing.assert_array_equal(ok, energy[:, -1] < 20 * energy[:, 0])
         np.testing.assert_array_equal(ok[:4], True)
         assert not ok[6:].any()
@@ -283,7 +288,7 @@ def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
 @pytest.mark.sample(0)
 def test_bodies_at_rest_gain_nothing():
     """Rounding moves a rod in equilibrium, and 0 has no kinetic energy with which to compare."""
-    body, rod, start = ml.straight_rod(
+    body, rod, start = ml.molecules.straight_rod(
         5, [0.1, 0.2, 0.3], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0],
         length=2.0, radius=0.1, density=5.0, youngs_modulus=10.0, shear_modulus=4.0,
     )  # fmt: skip
@@ -296,7 +301,9 @@ def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
     (name, body, torque, *_), limit = STIFF["body"], limit_of("body")
     many = jax.tree.map(lambda *x: jnp.stack(x), AWAY, AWAY)
     if driver == "adaptive":
-        run = partial(ml.integrate_adaptive, name, body, torque, AWAY, steps=200, density=lambda t, s: jnp.ones_like(t))
+        run = partial(
+            ml.integrate_variable_step, name, body, torque, AWAY, steps=200, density=lambda t, s: jnp.ones_like(t)
+        )
         paths = run(dt=0.9 * limit), run(dt=1.5 * limit)
         assert [bool(path.ok) for path in paths] == [True, False]
         assert paths[1].result == RESULTS.unstable
@@ -327,8 +334,8 @@ def test_a_path_prints_in_two_lines():
     assert repr(many).startswith("Path: end at 0.004; 2 of 3 ok. A step turned the body further")
     assert repr(many).count("A step turned") == 1
     density = ml.densities.Spin(body.moments, reference=50.0, floor=1.0)
-    adaptive = ml.integrate_adaptive("JACOBI[EA]", body, TOP, FAST, density=density, **run)
-    assert repr(adaptive).startswith("AdaptivePath: 41 saved states at times 0 to 0.0")
+    adaptive = ml.integrate_variable_step("JACOBI[EA]", body, TOP, FAST, density=density, **run)
+    assert repr(adaptive).startswith("VariableStepPath: 41 saved states at times 0 to 0.0")
     texts = []
     jax.make_jaxpr(lambda s: texts.append(repr(ml.integrate("JACOBI[EA]", body, TOP, s, **run))) or s.momentum)(FAST)
     assert "times=f64[41]" in texts[0]

@@ -19,7 +19,7 @@ FIRST_MODE = 3.516015  # of a slender cantilever: w = 3.516 sqrt(EI / (rho A L^4
 
 
 def straight(elements, clamped=False, **sizes):
-    return ml.straight_rod(
+    return ml.molecules.straight_rod(
         elements, [0.0, 0.0, 0.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0], **(sizes or SOFT), clamped=clamped
     )
 
@@ -39,7 +39,7 @@ def varied(rod):
     stiff = [numbers.uniform(1, 2, (links, 3)) for _ in range(2)]
     at_rest = {name: 0.2 * numbers.standard_normal((links, 3)) for name in ("strain", "curvature")}
     lengths = float(rod.length) * numbers.uniform(0.5, 2, links)
-    return ml.torques.Rod(lengths, *stiff, **at_rest, clamp=rod.clamp)
+    return ml.molecules.Rod(lengths, *stiff, **at_rest, clamp=rod.clamp)
 
 
 @pytest.mark.sample(1)
@@ -65,7 +65,9 @@ def test_the_potential_is_that_of_the_page():
         strain = middle.T @ way - jnp.array([0.0, 0.0, 1.0]) - rod.strain[i]
         curvature = turn / piece - rod.curvature[i]
         total += piece / 2 * (strain @ (rod.stretch[i] * strain) + curvature @ (rod.bend[i] * curvature))
-    assert float(ml.energy(body, rod, state) - ml.kinetic_energy(body, state)) == pytest.approx(float(total), rel=1e-13)
+    assert float(ml.observe.energy(body, rod, state) - ml.observe.kinetic_energy(body, state)) == pytest.approx(
+        float(total), rel=1e-13
+    )
 
 
 @pytest.mark.sample(0)
@@ -127,7 +129,7 @@ def test_the_energy_error_is_bounded_with_the_order_of_the_method(name, order):
     errors = []
     for dt in (0.04, 0.02):
         path = ml.integrate(name, body, rod, start, dt=dt, steps=round(40 / dt), save_every=round(0.4 / dt))
-        energy = np.asarray(ml.energy(body, rod, path))
+        energy = np.asarray(ml.observe.energy(body, rod, path))
         sizes = np.abs(energy[1:] / energy[0] - 1)
         assert sizes[50:].max() < 3 * sizes[:50].max()
         errors.append(sizes.max())
@@ -197,24 +199,33 @@ def test_a_run_swings_with_the_first_frequency():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: ml.torques.Rod(-1.0, jnp.ones(3), jnp.ones(3)), "length must be positive and finite"),
-        (lambda: ml.torques.Rod(1.0, jnp.ones(2), jnp.ones(3)), r"stretch must have shape \(3,\)"),
-        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.zeros(3)), "bend must be positive"),
-        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), strain=jnp.full(3, jnp.nan)), "strain must be finite"),
-        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=jnp.zeros(3)), "clamp must be None or "),
+        (lambda: ml.molecules.Rod(-1.0, jnp.ones(3), jnp.ones(3)), "length must be positive and finite"),
+        (lambda: ml.molecules.Rod(1.0, jnp.ones(2), jnp.ones(3)), r"stretch must have shape \(3,\)"),
+        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.zeros(3)), "bend must be positive"),
+        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), strain=jnp.full(3, jnp.nan)), "strain must be finite"),
+        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=jnp.zeros(3)), "clamp must be None or "),
         (
-            lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=(jnp.zeros(3), jnp.ones(4))),
+            lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=(jnp.zeros(3), jnp.ones(4))),
             r"clamp\[1\] must be a unit quaternion",
         ),
-        (lambda: ml.torques.Rod(jnp.ones(9), jnp.ones(3), jnp.ones(3))(0.0, straight(2)[2]), "one for each of 2, got"),
+        (
+            lambda: ml.molecules.Rod(jnp.ones(9), jnp.ones(3), jnp.ones(3))(0.0, straight(2)[2]),
+            "one for each of 2, got",
+        ),
         (
             lambda: straight(3)[1](0.0, ml.RigidState(jnp.zeros(3), jnp.eye(4)[0])),
             "the state is a RigidState; use a CoupledState",
         ),
         (lambda: straight(0), "elements must be a positive Python int"),
         (lambda: straight(2, **SOFT | {"radius": 0.0}), "radius must be positive"),
-        (lambda: ml.straight_rod(2, [0.0, 0, 0], [0, 0, 2.0], [1.0, 0, 0], **SOFT), "direction must be a unit vector"),
-        (lambda: ml.straight_rod(2, [0.0, 0, 0], [0, 0, 1.0], [0, 0, 1.0], **SOFT), "normal must be at right angles"),
+        (
+            lambda: ml.molecules.straight_rod(2, [0.0, 0, 0], [0, 0, 2.0], [1.0, 0, 0], **SOFT),
+            "direction must be a unit vector",
+        ),
+        (
+            lambda: ml.molecules.straight_rod(2, [0.0, 0, 0], [0, 0, 1.0], [0, 0, 1.0], **SOFT),
+            "normal must be at right angles",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(call, words):

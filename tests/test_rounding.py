@@ -32,7 +32,7 @@ from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
 from midlie_jax.cli.oracle import exact_motion
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.splitting import Splitting
 
 BODIES, STEPS = 16, 100_000  # bodies for each turn
 FLOWN = {f"{flight.name}[EA]": flight for flight in RIGID_FLIGHTS}

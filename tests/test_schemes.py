@@ -14,8 +14,8 @@ from cases import at, rows, run, setup, true_motion, turn
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.methods import as_typed, schemes
-from midlie_jax.methods.scheme_order import pendulums
+from midlie_jax.integrators import as_typed, schemes
+from midlie_jax.integrators.scheme_order import pendulums
 
 
 def truth():
@@ -248,5 +248,5 @@ def test_type_checkers_see_the_names_of_the_modules(seen):
 
 
 def test_uses_that_type_checkers_accept_run():
-    assert typed.names == [*ml.flights(), *ml.schemes()]
+    assert typed.names == [*ml.flights.names(), *ml.schemes.names()]
     assert [method.name for method in typed.methods] == ["JACOBI[SRKN6b]", "DLM[EA]"]

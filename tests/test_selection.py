@@ -224,6 +224,6 @@ def test_a_traced_argument_is_refused(name):
 
 
 def test_it_prints_in_a_line_what_to_take():
-    found = ml.Recommendation("JACOBI[EA]", 0.125, 80, 2e-7, 3e-5, 10.0, "", ())
+    found = ml.advice.Recommendation("JACOBI[EA]", 0.125, 80, 2e-7, 3e-5, 10.0, "", ())
     assert str(found) == "JACOBI[EA], dt 0.125, 80 steps: error 2e-07, 30 us a body; the best of 0 runs"
     assert str(found._replace(note="It is stiff.")).splitlines()[1] == "It is stiff."

@@ -349,7 +349,7 @@ def test_what_a_statistic_of_time_cannot_be_is_named():
         "values of a statistic must be real": lambda: ensemble(
             ml.observe.Spectrum(lambda t, s: jax.lax.complex(t, t), 8)
         ),
-        "these steps differ": lambda: ml.integrate_adaptive(
+        "these steps differ": lambda: ml.integrate_variable_step(
             "JACOBI[EA]",
             ml.RigidBody([1.0, 2.0, 2.5]),
             None,

@@ -12,8 +12,8 @@ from cases import WAYS, by_turns, epsilon, firsts, quick, real
 import midlie_jax as ml
 from midlie_jax._xla.hoisting import hoist
 from midlie_jax.drivers import shared_inputs
-from midlie_jax.methods.runge_kutta import RungeKutta
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.runge_kutta import RungeKutta
+from midlie_jax.integrators.splitting import Splitting
 
 FEW = firsts(lambda m: isinstance(m, Splitting) and m.loops, lambda m: isinstance(m, RungeKutta), lambda m: m.symmetric)
 COUNT, STEPS, DT = 5, 32, 1 / 64
@@ -114,12 +114,12 @@ def test_orbits_of_their_own_move_each_body_on_its_own():
     """A parameter with a row for each body makes the place its own; the same ensemble gives each its own motion."""
     speeds = jnp.array([[1.0, 0, 0], [0, 1.1, 0], [0, 0, 0.9]])
     orbit = ml.orbits.KeplerOrbit(jnp.array([0.0, 0.3, 1.0]), speeds, jnp.array(1.0))
-    field = ml.torques.GravityGradient(None, orbit, jnp.array(1.0))
+    field = ml.spacecraft.GravityGradient(None, orbit, jnp.array(1.0))
     axes = jax.tree.map(lambda leaf: 0 if leaf is speeds else None, field, is_leaf=lambda leaf: leaf is speeds)
     many = starts("float64", 3)
     together = ml.ensemble("RK4", body("float64"), field, many, dt=DT, steps=8, torque_axes=axes)
     for n in range(3):
-        own = ml.torques.GravityGradient(
+        own = ml.spacecraft.GravityGradient(
             None, ml.orbits.KeplerOrbit(jnp.array([0.0, 0.3, 1.0]), speeds[n], jnp.array(1.0)), jnp.array(1.0)
         )
         start = jax.tree.map(lambda x, n=n: x[n], many)

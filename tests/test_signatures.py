@@ -14,7 +14,7 @@ DRIVERS = {
     "integrate": ml.integrate,
     "ensemble": ml.ensemble,
     "simulate": ml.simulate,
-    "integrate_adaptive": ml.integrate_adaptive,
+    "integrate_variable_step": ml.integrate_variable_step,
     "check": ml.check,
     "recommend": ml.recommend,
     "free_motion": ml.free_motion,
@@ -25,7 +25,7 @@ OWN = {"free_motion": ("times",), "fit": ("model", "guess", "measurements")}  # 
 # What a driver does without being told differs where its work does: the reason.
 DEFAULTS = {
     ("save_every", "integrate"): "1: a path of one body is small",
-    ("save_every", "integrate_adaptive"): "1: a path of one body is small",
+    ("save_every", "integrate_variable_step"): "1: a path of one body is small",
     ("steps", "check"): "None: as many as a trial needs",
     ("method", "fit"): "by keyword, JACOBI[EA]: most fits take it",
 }
@@ -87,11 +87,11 @@ def test_arguments_of_one_meaning_have_one_name():
     """What drivers called otherwise before."""
     every = {key for name in DRIVERS for key in parameters(name)}
     assert not every & {"state", "starts_at", "reverse", "densities", "time", "h", "n"}
-    for name in ("integrate", "ensemble", "simulate", "integrate_adaptive", "check", "fit"):
+    for name in ("integrate", "ensemble", "simulate", "integrate_variable_step", "check", "fit"):
         assert "dt" in parameters(name)
     for name in DRIVERS:
         assert "t0" in parameters(name)
-    for name in ("integrate", "ensemble", "simulate", "integrate_adaptive"):
+    for name in ("integrate", "ensemble", "simulate", "integrate_variable_step"):
         assert {"observe", "save_every", "steps"} <= set(parameters(name))
 
 

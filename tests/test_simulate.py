@@ -77,7 +77,7 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
 @pytest.mark.sample(0)
 def test_what_all_bodies_share_is_computed_for_each_span(tmp_path):
     """Under a field that goes round; the state with which a span begins lies on the mesh of the one before."""
-    field = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
+    field = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
     result = simulated(tmp_path / "run.zarr", torque=field)
     assert result.ok.all()
     run = result.open()
@@ -273,9 +273,9 @@ def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
         ({"steps": 2 * STEPS}, f"steps was {STEPS} and is now {2 * STEPS}"),
         ({"t0": 1.0}, "t0 was 0.0 and is now 1.0"),
         ({"momenta": MOMENTA + 1}, "start.momentum was"),
-        ({"torque": ml.torques.HeavyTop(1.5)}, "torque.weight was"),
-        ({"torque": lambda t, state: 0 * state.momentum}, "torque.weight was .* and is now absent"),
-        ({"observe": ml.observe.Energy()}, "observe was the states and is now Energy"),
+        ({"torque": ml.torques.HeavyTop(1.5)}, "torque.mgl was"),
+        ({"torque": lambda t, state: 0 * state.momentum}, "torque.mgl was .* and is now absent"),
+        ({"observe": ml.observe.energy}, "observe was the states and is now Energy"),
         ({"group": 25}, "bodies of a group was 16 and is now 25"),
     ],
 )

@@ -51,7 +51,7 @@ def test_what_a_statistic_does_is_part_of_the_run():
             def part(self, values, good):
                 return super().part(jax.tree.map(lambda x: factor * x, values), good)
 
-        return Weighed(ml.observe.AngularVelocity())
+        return Weighed(ml.observe.angular_velocity)
 
     assert differences(found(observe=weighed(1.0)), found(observe=weighed(1.0))) == []
     assert len(differences(found(observe=weighed(1.0)), found(observe=weighed(2.0)))) == 1

@@ -29,7 +29,7 @@ from midlie_jax.simulation.store import Store
 __all__ = ["cache", "optimised"]  # fixtures
 xarray = pytest.importorskip("xarray")
 ALL = BODIES * STEPS
-FIELD = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
+FIELD = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
 TENSOR = ml.TensorBody(jnp.array([[2.0, 0.1, 0.2], [0.1, 2.5, 0.3], [0.2, 0.3, 3.0]]))
 BAD = np.where(np.arange(BODIES)[:, None] == 7, 1e200, np.where(np.arange(BODIES)[:, None] == 33, 400.0, MOMENTA))
 

@@ -27,7 +27,7 @@ def of_kind(kind, dtype="float64"):
 
 def of_points(masses, places):
     """The rigid body and its points."""
-    body, points = ml.from_points(masses, places)
+    body, points = ml.molecules.from_points(masses, places)
     assert isinstance(body.body, ml.RigidBody)
     return body, body.body.moments, points
 
@@ -55,11 +55,11 @@ def test_the_wrench_is_the_transpose_of_the_motion_of_the_sites(kind, dtype):
             along["axis"] = jnp.cross(angular, state.axis)
         held = {name: getattr(state, name) for name in along}
         rest = {name: getattr(state, name) for name in ("momentum", "linear")}
-        return jax.jvp(lambda pose: ml.sites(type(state)(**rest, **pose), points), (held,), (along,))[1]
+        return jax.jvp(lambda pose: ml.molecules.sites(type(state)(**rest, **pose), points), (held,), (along,))[1]
 
     _, transpose = jax.vjp(of_velocity, *jnp.zeros((2, 3), dtype))
     torque, force = transpose(forces)
-    found = ml.wrench_on_sites(state, points, forces)
+    found = ml.molecules.wrench_on_sites(state, points, forces)
     np.testing.assert_allclose(found.torque, torque, atol=40 * epsilon(dtype))
     np.testing.assert_allclose(found.force, force, atol=40 * epsilon(dtype))
     assert found.torque.dtype == dtype
@@ -72,11 +72,13 @@ def test_sites_and_wrenches_follow_the_whole(kind):
     new = moved(state, turned, shift)
     all_turned = jnp.tile(turned, (4, 1))
     np.testing.assert_allclose(
-        ml.sites(new, points), ml.so3.rotate(all_turned, ml.sites(state, points)) + shift[None], atol=1e-14
+        ml.molecules.sites(new, points),
+        ml.so3.rotate(all_turned, ml.molecules.sites(state, points)) + shift[None],
+        atol=1e-14,
     )
     before, after = (
-        ml.wrench_on_sites(state, points, forces),
-        ml.wrench_on_sites(new, points, ml.so3.rotate(all_turned, forces)),
+        ml.molecules.wrench_on_sites(state, points, forces),
+        ml.molecules.wrench_on_sites(new, points, ml.so3.rotate(all_turned, forces)),
     )
     np.testing.assert_allclose(after.force, ml.so3.rotate(turned, before.force), atol=1e-14)
     torque = before.torque if kind == "free" else ml.so3.rotate(turned, before.torque)
@@ -88,9 +90,9 @@ def test_bodies_with_points_in_common_or_of_their_own(kind):
     state, points, forces = of_kind(kind)
     two = jax.tree.map(lambda x: jnp.stack([x, x]), state)
     for own in (points, jnp.stack([points, points])):
-        np.testing.assert_array_equal(ml.sites(two, own), jnp.stack([ml.sites(state, points)] * 2))
-        found = ml.wrench_on_sites(two, own, jnp.stack([forces, forces]))
-        alone = ml.wrench_on_sites(state, points, forces)
+        np.testing.assert_array_equal(ml.molecules.sites(two, own), jnp.stack([ml.molecules.sites(state, points)] * 2))
+        found = ml.molecules.wrench_on_sites(two, own, jnp.stack([forces, forces]))
+        alone = ml.molecules.wrench_on_sites(state, points, forces)
         np.testing.assert_allclose(found.torque, jnp.stack([alone.torque] * 2), rtol=1e-14)
 
 
@@ -101,8 +103,8 @@ def test_the_wrench_of_a_potential_of_sites_is_that_of_its_forces(kind):
     def energy(places):
         return jnp.sum(jnp.sin(places) * places**2)
 
-    wrench = ml.torques.FromPotential(lambda t, s: energy(ml.sites(s, points)))(0.0, state)
-    found = ml.wrench_on_sites(state, points, -jax.grad(energy)(ml.sites(state, points)))
+    wrench = ml.torques.FromPotential(lambda t, s: energy(ml.molecules.sites(s, points)))(0.0, state)
+    found = ml.molecules.wrench_on_sites(state, points, -jax.grad(energy)(ml.molecules.sites(state, points)))
     np.testing.assert_allclose(wrench.torque, found.torque, atol=1e-13)
     np.testing.assert_allclose(wrench.force, found.force, atol=1e-13)
 
@@ -123,7 +125,7 @@ def test_points_are_a_right_handed_copy_that_the_frame_does_not_change(molecule,
     masses, places = (jnp.asarray(x, dtype) for x in molecule)
     attitude = jnp.asarray(turn(2.0, 0.4, -0.7), dtype)
     _, moments, points = of_points(masses, places)
-    _, again = ml.from_points(masses, ml.so3.rotate(jnp.tile(attitude, (len(places), 1)), places) + 0.5)
+    _, again = ml.molecules.from_points(masses, ml.so3.rotate(jnp.tile(attitude, (len(places), 1)), places) + 0.5)
     tight = 100 * epsilon(dtype)
     np.testing.assert_allclose(again, points, atol=tight)
     np.testing.assert_allclose(masses @ points, np.zeros(3), atol=10 * tight)
@@ -140,8 +142,8 @@ def test_points_are_a_right_handed_copy_that_the_frame_does_not_change(molecule,
 def test_points_on_a_line_make_a_rotor(dtype):
     direction = jnp.array([0.48, -0.6, 0.64], dtype)
     heights, masses = jnp.array([0.0, 1.0, 3.0], dtype), jnp.array([2.0, 0.0, 1.0], dtype)
-    body, points = ml.from_points(masses, 5 + jnp.outer(heights, direction))
-    assert isinstance(body.body, ml.Rotor)
+    body, points = ml.molecules.from_points(masses, 5 + jnp.outer(heights, direction))
+    assert isinstance(body.body, ml.SymmetricRotor)
     np.testing.assert_allclose(points, [[0, 0, 1], [0, 0, 0], [0, 0, -2]], atol=20 * epsilon(dtype))
     np.testing.assert_allclose([body.body.moment, body.body.along, body.mass], [6, 0, 3], rtol=20 * epsilon(dtype))
 
@@ -171,44 +173,44 @@ WRONG = {
 def test_points_that_make_no_body(wrong):
     arguments, message = WRONG[wrong]
     with pytest.raises(ValueError, match=message):
-        ml.from_points(*arguments)
+        ml.molecules.from_points(*arguments)
 
 
 def test_sites_that_a_state_does_not_know():
     state = start("free axis")
     with pytest.raises(ValueError, match=r"points must be on the third axis(?s:.*)use a state with an attitude"):
-        ml.sites(state, POINTS)
-    traced = jax.jit(ml.sites)(state, jnp.asarray(POINTS))
+        ml.molecules.sites(state, POINTS)
+    traced = jax.jit(ml.molecules.sites)(state, jnp.asarray(POINTS))
     assert jnp.all(jnp.isnan(traced))
     with pytest.raises(ValueError, match="this needs the attitude"):
-        ml.sites(ml.MomentumState([0.0, 0.0, 1.0]), POINTS)
+        ml.molecules.sites(ml.MomentumState([0.0, 0.0, 1.0]), POINTS)
     with pytest.raises(ValueError, match=r"points must be \(a, 3\)"):
-        ml.sites(start("free"), POINTS[0])
+        ml.molecules.sites(start("free"), POINTS[0])
     with pytest.raises(ValueError, match=r"forces must be \(4, 3\)"):
-        ml.wrench_on_sites(start("free"), POINTS, FORCES[:3])
+        ml.molecules.wrench_on_sites(start("free"), POINTS, FORCES[:3])
     with pytest.raises(ValueError, match="cast one"):
-        ml.sites(start("free", "float32"), jnp.asarray(POINTS))
+        ml.molecules.sites(start("free", "float32"), jnp.asarray(POINTS))
 
 
 def test_a_body_that_does_not_travel_has_its_sites_about_the_fixed_point():
     state, points, forces = of_kind("free")
-    here = ml.sites(state.turning, points)
-    np.testing.assert_allclose(here, ml.sites(state, points) - state.position[None], atol=1e-15)
-    found = ml.wrench_on_sites(state.turning, points, forces).torque
-    np.testing.assert_array_equal(found, ml.wrench_on_sites(state, points, forces).torque)
+    here = ml.molecules.sites(state.turning, points)
+    np.testing.assert_allclose(here, ml.molecules.sites(state, points) - state.position[None], atol=1e-15)
+    found = ml.molecules.wrench_on_sites(state.turning, points, forces).torque
+    np.testing.assert_array_equal(found, ml.molecules.wrench_on_sites(state, points, forces).torque)
 
 
 @pytest.mark.sample(0)
 def test_a_molecule_runs_in_a_field_on_its_sites():
     """A charge on each site in a uniform field: what the centre of mass does has a closed form."""
-    body, points = ml.from_points(WATER_MASSES, WATER)
+    body, points = ml.molecules.from_points(WATER_MASSES, WATER)
     body = ml.FreeBody(body.body, MASS)
     state = start("free")
     field = jnp.array([[0.1, 0.0, 0.2], [0.3, -0.1, 0.0], [0.0, 0.0, 0.1]])
 
     def torque(t, s):
         del t
-        return ml.wrench_on_sites(s, points, field)
+        return ml.molecules.wrench_on_sites(s, points, field)
 
     path = ml.integrate("JACOBI[EA]", body, torque, state, dt=1e-3, steps=20, save_every=20)
     assert path.ok

@@ -50,7 +50,7 @@ def run(name, steps, dtype="float64"):
     body, energy, start = block(dtype)
     path = ml.integrate(name, body, ml.torques.FromPotential(energy), start, dt=4.8 / steps, steps=steps)
     assert path.ok
-    return path.states, ml.energy(body, ml.torques.FromPotential(energy), path)
+    return path.states, ml.observe.energy(body, ml.torques.FromPotential(energy), path)
 
 
 @pytest.mark.sample(0)

@@ -24,10 +24,10 @@ def test_damping_takes_the_energy_at_the_rate_of_its_power():
     path = run(torques.Damping(jnp.array([0.1, 0.2, 0.0])), dt=0.005, steps=1000)
     # dE/dt = Omega . T, by the trapezium rule on the momentum of a fine run.
     fine = ml.integrate("JACOBI[EA]", BODY, torques.Damping(jnp.array([0.1, 0.2, 0.0])), START, dt=0.005, steps=1000)
-    velocity = np.asarray(ml.angular_velocity(BODY, fine.states))
+    velocity = np.asarray(ml.observe.angular_velocity(BODY, fine.states))
     power = -(velocity**2 @ np.array([0.1, 0.2, 0.0]))
     lost = np.sum((power[1:] + power[:-1]) / 2) * 0.005
-    energy = np.asarray(ml.kinetic_energy(BODY, path.states))
+    energy = np.asarray(ml.observe.kinetic_energy(BODY, path.states))
     assert energy[-1] - energy[0] == pytest.approx(lost, rel=1e-5)
     assert energy[-1] < 0.7 * energy[0]
 
@@ -38,7 +38,7 @@ def test_control_brings_a_body_to_its_target_and_to_rest(turn):
     """From either side of half a turn, by the short way: no more than the angle at the start."""
     target = so3.exp(jnp.array([-0.4, 0.2, 0.6]))
     start = ml.RigidState(jnp.zeros(3), so3.multiply(target, so3.exp(jnp.array([0.0, 0.6, 0.8]) * turn)))
-    path = run(torques.PDControl(target, 2.0, jnp.array([3.0, 4.0, 4.5])), dt=0.02, steps=2000, start=start)
+    path = run(ml.spacecraft.PDControl(target, 2.0, jnp.array([3.0, 4.0, 4.5])), dt=0.02, steps=2000, start=start)
     left = np.linalg.norm(so3.log(so3.multiply(so3.conjugate(target), path.states.attitude)), axis=-1)
     assert left[0] == pytest.approx(abs(turn))
     assert np.all(left <= left[0] + 1e-12)
@@ -51,7 +51,7 @@ def test_control_is_a_spring_of_its_stiffness_and_friction_for_small_angles():
     """About one axis: I w'' = -proportional w - derivative w'."""
     k, c, inertia, angle = 2.0, 0.3, 1.8, 1e-4
     start = ml.RigidState(jnp.zeros(3), so3.exp(jnp.array([0.0, angle, 0.0])))
-    path = run(torques.PDControl(jnp.array([1.0, 0.0, 0.0, 0.0]), k, c), dt=0.002, steps=2000, start=start)
+    path = run(ml.spacecraft.PDControl(jnp.array([1.0, 0.0, 0.0, 0.0]), k, c), dt=0.002, steps=2000, start=start)
     rate = np.sqrt(k / inertia - (c / (2 * inertia)) ** 2)
     decay = np.exp(-c / (2 * inertia) * np.asarray(path.times))
     exact = angle * decay * (np.cos(rate * path.times) + c / (2 * inertia * rate) * np.sin(rate * path.times))
@@ -63,9 +63,9 @@ def test_a_gyrostat_keeps_its_whole_momentum_and_its_energy():
     """R (Pi + h) to the second order of the steps, and the kinetic energy of the body to more."""
     errors = []
     for steps in (500, 1000):
-        path = run(torques.Rotors(SPIN), dt=10 / steps, steps=steps)
+        path = run(ml.spacecraft.MomentumWheels(SPIN), dt=10 / steps, steps=steps)
         whole = np.asarray(so3.rotate(path.states.attitude, path.states.momentum + SPIN[None]))
-        energy = np.asarray(ml.energy(BODY, torques.Rotors(SPIN), path))
+        energy = np.asarray(ml.observe.energy(BODY, ml.spacecraft.MomentumWheels(SPIN), path))
         errors.append([np.abs(whole - whole[0]).max(), np.abs(energy - energy[0]).max()])
     whole, energy = np.log2(np.array(errors[0]) / errors[1])
     assert np.all(np.array(errors[1]) < 1e-3)
@@ -76,7 +76,7 @@ def test_a_gyrostat_keeps_its_whole_momentum_and_its_energy():
 def test_a_rotor_may_be_part_of_the_moment_of_inertia():
     """A spin h along the axis of a symmetric body moves the axis like a faster body: Pi3 + h in the place of Pi3."""
     body = ml.RigidBody(jnp.array([1.5, 1.5, 2.0]))
-    path = run(torques.Rotors(jnp.array([0.0, 0.0, 0.8])), body=body, dt=0.005, steps=1000)
+    path = run(ml.spacecraft.MomentumWheels(jnp.array([0.0, 0.0, 0.8])), body=body, dt=0.005, steps=1000)
     # Euler's equations of the transverse momentum: a turn at the rate (1/I3 - 1/I1) Pi3 - h / I1.
     p = np.asarray(START.momentum)
     rate = (1 / 2.0 - 1 / 1.5) * p[2] - 0.8 / 1.5
@@ -92,13 +92,15 @@ def test_wheels_that_speed_up_turn_a_body_at_rest_the_other_way():
     def speed(t):
         return SPIN * jnp.sin(0.7 * t)
 
-    wheels = torques.ReactionWheels(speed)
+    wheels = ml.spacecraft.ReactionWheels(speed)
     rest = ml.RigidState(jnp.zeros(3), START.attitude)
     path = run(wheels, dt=0.005, steps=1000, start=rest)
     whole = np.asarray(so3.rotate(path.states.attitude, path.states.momentum + jax.vmap(speed)(path.times)))
     np.testing.assert_allclose(whole, 0, atol=1e-5)
-    steady = ml.integrate("JACOBI[EA]", BODY, torques.ReactionWheels(lambda t: SPIN + 0 * t), START, dt=0.02, steps=9)
-    rotors = ml.integrate("JACOBI[EA]", BODY, torques.Rotors(SPIN), START, dt=0.02, steps=9)
+    steady = ml.integrate(
+        "JACOBI[EA]", BODY, ml.spacecraft.ReactionWheels(lambda t: SPIN + 0 * t), START, dt=0.02, steps=9
+    )
+    rotors = ml.integrate("JACOBI[EA]", BODY, ml.spacecraft.MomentumWheels(SPIN), START, dt=0.02, steps=9)
     np.testing.assert_allclose(steady.states.momentum, rotors.states.momentum, rtol=1e-14)
 
 
@@ -119,7 +121,7 @@ def test_a_residual_dipole_in_a_field_along_an_orbit():
     other = torques.FromPotential(dipole.potential)
     np.testing.assert_allclose(dipole(2.0, START), other(2.0, START), rtol=1e-12)
     with pytest.raises(ValueError, match="depends on time"):
-        ml.energy(BODY, dipole, START)
+        ml.observe.energy(BODY, dipole, START)
 
 
 @pytest.mark.sample(0)
@@ -140,7 +142,7 @@ def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
 @pytest.mark.sample(0)
 def test_gravity_gradient_of_the_body_on_which_it_acts():
     """With no moments of its own it takes the body's, in the frame of a full tensor too."""
-    own, named = (torques.GravityGradient(m, ORBIT, 1.0) for m in (None, BODY.moments))
+    own, named = (ml.spacecraft.GravityGradient(m, ORBIT, 1.0) for m in (None, BODY.moments))
     np.testing.assert_allclose(own.on(BODY)(1.0, START), named(1.0, START), rtol=1e-14)
     np.testing.assert_allclose(own.on(BODY).potential(1.0, START), named.potential(1.0, START), rtol=1e-14)
     tensor = ml.TensorBody(jnp.diag(BODY.moments))
@@ -166,17 +168,19 @@ def test_a_torque_of_the_body_reads_what_it_acts_on():
     [
         (lambda: torques.Damping(-1.0), "coefficient must be finite and not negative"),
         (lambda: torques.Damping(jnp.ones(2)), r"coefficient must be a number or have shape \(3,\).*write jnp.tile\("),
-        (lambda: torques.PDControl(jnp.ones(4), 1.0, 1.0), "target must be a unit quaternion"),
-        (lambda: torques.PDControl(START.attitude, -1.0, 1.0), "proportional must be finite and not negative"),
-        (lambda: torques.Rotors(jnp.ones(2)), r"momentum must have shape \(3,\)"),
+        (lambda: ml.spacecraft.PDControl(jnp.ones(4), 1.0, 1.0), "target must be a unit quaternion"),
+        (lambda: ml.spacecraft.PDControl(START.attitude, -1.0, 1.0), "proportional must be finite and not negative"),
+        (lambda: ml.spacecraft.MomentumWheels(jnp.ones(2)), r"momentum must have shape \(3,\)"),
         (lambda: torques.Drag(jnp.ones(3), -1.0, 1.0, jnp.ones(3)), "area must be finite and not negative"),
         (lambda: torques.Drag(jnp.ones(3), 1.0, 1.0, jnp.full(3, jnp.nan)), "velocity must be finite"),
         (lambda: torques.Damping(1.0)(0.0, START), r"Damping reads the body: call torque.on\(body\)"),
         (lambda: torques.Damping(1.0).potential(0.0, START), "Damping reads the body"),
-        (lambda: ml.energy(BODY, torques.Damping(1.0), START), "Damping has no potential energy"),
-        (lambda: torques.GravityGradient(-jnp.ones(3), ORBIT, 1.0), "moments must be positive"),
+        (lambda: ml.observe.energy(BODY, torques.Damping(1.0), START), "Damping has no potential energy"),
+        (lambda: ml.spacecraft.GravityGradient(-jnp.ones(3), ORBIT, 1.0), "moments must be positive"),
         (
-            lambda: torques.GravityGradient(BODY.moments, ORBIT, 1.0)(0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])),
+            lambda: ml.spacecraft.GravityGradient(BODY.moments, ORBIT, 1.0)(
+                0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])
+            ),
             "holds one fixed direction; use a RigidState",
         ),
     ],
@@ -190,23 +194,23 @@ def test_mistakes_are_named(call, message):
 
 PANEL = ml.Surface.of_facets([2.0], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])
 FLYING = ml.FreeBody(BODY, 2.0), ml.FreeState(START.momentum, START.attitude, jnp.ones(3), jnp.ones(3))
-SPINNING = ml.Spins(), ml.SpinState(jnp.eye(3)[:2])
+SPINNING = ml.spins.Spins(), ml.spins.SpinState(jnp.eye(3)[:2])
 X = (1.0, 0.0, 0.0)
 FUNCTIONS = {
     "field of a dipole": (lambda f: torques.DipoleInField(X, f), "field", BODY, START),
-    "field of currents": (lambda f: torques.EddyCurrents(1.0, f), "field", BODY, START),
-    "force": (lambda f: torques.Thrust(f, X), "force", *FLYING),
-    "lever": (lambda f: torques.Thrust(X, f), "lever", *FLYING),
+    "field of currents": (lambda f: ml.spacecraft.EddyCurrents(1.0, f), "field", BODY, START),
+    "force": (lambda f: ml.spacecraft.Thrust(f, X), "force", *FLYING),
+    "lever": (lambda f: ml.spacecraft.Thrust(X, f), "lever", *FLYING),
     "velocity": (lambda f: torques.Drag(X, 1.0, 1.0, f), "velocity", BODY, START),
     "wind": (lambda f: torques.Drag(X, 1.0, 1.0, wind=f), "wind", *FLYING),
     "wind of a ball": (lambda f: torques.Magnus(1.0, f), "wind", *FLYING),
-    "orbit": (lambda f: torques.GravityGradient(None, f, 1.0), "orbit", BODY, START),
+    "orbit": (lambda f: ml.spacecraft.GravityGradient(None, f, 1.0), "orbit", BODY, START),
     "orbit of a field": (lambda f: torques.DipoleInField(X, ml.orbits.DipoleField(f, X)), "orbit", BODY, START),
-    "wheels": (torques.ReactionWheels, "momentum", BODY, START),
-    "direction": (lambda f: torques.Sunlight(PANEL, f, 1.0), "direction", BODY, START),
-    "velocity in a gas": (lambda f: torques.FreeMolecularDrag(PANEL, 1.0, f), "velocity", BODY, START),
-    "wind of a gas": (lambda f: torques.FreeMolecularDrag(PANEL, 1.0, wind=f), "wind", *FLYING),
-    "field on spins": (torques.AppliedField, "value", *SPINNING),
+    "wheels": (ml.spacecraft.ReactionWheels, "momentum", BODY, START),
+    "direction": (lambda f: ml.asteroids.Sunlight(PANEL, f, 1.0), "direction", BODY, START),
+    "velocity in a gas": (lambda f: ml.spacecraft.FreeMolecularDrag(PANEL, 1.0, f), "velocity", BODY, START),
+    "wind of a gas": (lambda f: ml.spacecraft.FreeMolecularDrag(PANEL, 1.0, wind=f), "wind", *FLYING),
+    "field on spins": (ml.spins.AppliedField, "value", *SPINNING),
 }
 RETURNED = {
     "two": (lambda t: t * jnp.ones(2), r"an array of shape \(2,\)"),
@@ -250,12 +254,12 @@ def test_the_local_frame_points_down_and_turns_once_per_orbit():
 def test_control_follows_the_local_frame_within_its_limit():
     """The pitch axis is a principal axis, so the error goes to zero, and the torque never exceeds the limit."""
     body, limit = ml.RigidBody([10.0, 12.0, 7.0]), 2e-3
-    control = torques.PDControl(ORBIT.lvlh, 0.02, 0.6, limit=limit)
+    control = ml.spacecraft.PDControl(ORBIT.lvlh, 0.02, 0.6, limit=limit)
     start = ml.RigidState([0.0, 0.0, 0.0], so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.5, -0.4, 0.3]))))
     observe = {
         "angles": ml.observe.EulerAngles(frame=ORBIT.lvlh),
         "torque": lambda t, state: control.on(body)(t, state),
-        "rate": ml.observe.AngularVelocity(),
+        "rate": ml.observe.angular_velocity,
     }
     path = ml.integrate("JACOBI[EA]", body, control, start, dt=0.5, steps=4000, save_every=20, observe=observe)
     assert path.ok
@@ -269,7 +273,7 @@ def test_control_follows_the_local_frame_within_its_limit():
 def test_pitch_librates_at_the_rate_of_the_gravity_gradient():
     """n sqrt(3 (I1 - I3) / I2) for small pitch (Hughes, chapter 9), seen by `observe.EulerAngles`."""
     body = ml.RigidBody([11.0, 12.0, 4.0])
-    torque = torques.GravityGradient(None, ORBIT, MU)
+    torque = ml.spacecraft.GravityGradient(None, ORBIT, MU)
     attitude = so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.0, 1e-4, 0.0])))
     start = ml.RigidState.from_velocity(body, [0.0, -MEAN_MOTION, 0.0], attitude)
     observe = ml.observe.EulerAngles("ZYX", frame=ORBIT.lvlh)
@@ -282,6 +286,6 @@ def test_pitch_librates_at_the_rate_of_the_gravity_gradient():
 
 def test_a_moving_target_must_be_a_quaternion():
     with pytest.raises(ValueError, match="target must return a quaternion"):
-        run(torques.PDControl(lambda t: jnp.zeros(3), 1.0, 1.0), steps=10)
+        run(ml.spacecraft.PDControl(lambda t: jnp.zeros(3), 1.0, 1.0), steps=10)
     with pytest.raises(ValueError, match="limit must be finite and not negative"):
-        torques.PDControl(ORBIT.lvlh, 1.0, 1.0, limit=-1.0)
+        ml.spacecraft.PDControl(ORBIT.lvlh, 1.0, 1.0, limit=-1.0)

@@ -10,9 +10,9 @@ from cases import DTYPES, epsilon, quick
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.integrators.registry import ENTRIES
 
-METHODS = [e.method.name for e in ENTRIES.values() if e.method.bodies is ml.Spins and not e.method.random]
+METHODS = [e.method.name for e in ENTRIES.values() if e.method.bodies is ml.spins.Spins and not e.method.random]
 # A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
 MORE = [f"SUBLATTICES[{name}]" for name in ("E1", "E2", "TJ4", "BM4", "SRKN11b")]
 STEPS = 32
@@ -58,10 +58,9 @@ def field_numpy(t, s, periodic=(True, False)):
 
 
 def everything(dtype="float64", periodic=(True, False)):
-    t = ml.torques
     cast = partial(jnp.asarray, dtype=dtype)
-    neighbourly = t.Exchange(cast(EXCHANGE), periodic) + t.DzyaloshinskiiMoriya(cast(VECTORS), periodic)
-    return neighbourly + t.Anisotropy(cast(0.35), cast(EASY)) + t.AppliedField(shaken)
+    neighbourly = ml.spins.Exchange(cast(EXCHANGE), periodic) + ml.spins.DzyaloshinskiiMoriya(cast(VECTORS), periodic)
+    return neighbourly + ml.spins.Anisotropy(cast(0.35), cast(EASY)) + ml.spins.AppliedField(shaken)
 
 
 def motion_numpy(start, end, damping, field=field_numpy):
@@ -79,7 +78,7 @@ def motion_numpy(start, end, damping, field=field_numpy):
 
 def run(name, damping, torque, spin, dt, steps=STEPS, save_every=None, first=0):
     damping = jnp.asarray(damping, spin.dtype) if damping else 0.0
-    spins, start = ml.Spins(damping, jnp.ones((), spin.dtype)), ml.SpinState(jnp.asarray(spin))
+    spins, start = ml.spins.Spins(damping, jnp.ones((), spin.dtype)), ml.spins.SpinState(jnp.asarray(spin))
     dt = jnp.asarray(dt, spin.dtype)
     return ml.integrate(name, spins, torque, start, dt=dt, steps=steps, save_every=save_every, first_step=first)
 
@@ -114,13 +113,13 @@ def test_symmetric_methods_come_back(name, dtype):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("labels", [None, ml.checkerboard((4, 4))], ids=["two rows", "masks"])
+@pytest.mark.parametrize("labels", [None, ml.spins.checkerboard((4, 4))], ids=["two rows", "masks"])
 @pytest.mark.parametrize("name", ["SUBLATTICES[BAOAB]", *METHODS, *MORE])
 def test_a_step_of_length_zero_is_the_identity(name, labels):
     """To the bit, also of damped spins whose length is more than a hundred roundings from one."""
-    torque, body = everything(periodic=(True, True)), ml.Spins(0.2, sublattices=labels)
-    torque = torque + ml.torques.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else torque
-    start = ml.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
+    torque, body = everything(periodic=(True, True)), ml.spins.Spins(0.2, sublattices=labels)
+    torque = torque + ml.spins.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else torque
+    start = ml.spins.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
 
     @quick
     def end(h):
@@ -137,11 +136,11 @@ def test_a_step_of_length_zero_is_the_identity(name, labels):
 @pytest.mark.parametrize("name", METHODS)
 def test_lengths_and_what_is_kept_under_exchange(name):
     """Turns of sublattices keep the energy, the spherical midpoint rule the sum of the spins; both to rounding."""
-    start, exchange = random_spins((4, 6)), ml.torques.Exchange(-1.0)
+    start, exchange = random_spins((4, 6)), ml.spins.Exchange(-1.0)
     path = run(name, 0.0, exchange, start, 0.1, 4 * STEPS, save_every=STEPS)
     assert path.ok
     assert np.abs(np.linalg.norm(path.states.spin, axis=-1) - 1).max() < 1e-13
-    energies = ml.energy(ml.Spins(), exchange, path)
+    energies = ml.observe.energy(ml.spins.Spins(), exchange, path)
     total = np.asarray(path.states.spin).sum(axis=(1, 2))
     changes = np.abs(energies - energies[0]).max(), np.abs(total - total[0]).max()
     kept = [change < 1e-12 for change in changes]
@@ -153,11 +152,11 @@ def test_lengths_and_what_is_kept_under_exchange(name):
 def test_which_methods_are_symplectic(name):
     """M^T Omega(S1) M = Omega(S0) on the planes at right angles to the spins, with Omega(u, v) = S . (u x v)."""
     start = jnp.asarray(random_spins((3,)))
-    torque = ml.torques.Exchange(1.0, periodic=False)
+    torque = ml.spins.Exchange(1.0, periodic=False)
 
     def step(spin):
-        state = ml.SpinState.unchecked(spin=spin)
-        return ml.integrate(name, ml.Spins(), torque, state, dt=0.6, steps=1, save_every=None).states.spin
+        state = ml.spins.SpinState.unchecked(spin=spin)
+        return ml.integrate(name, ml.spins.Spins(), torque, state, dt=0.6, steps=1, save_every=None).states.spin
 
     def basis(spin):
         frames = np.linalg.svd(np.asarray(spin)[..., None])[0]  # the first column is along the spin
@@ -180,7 +179,7 @@ def test_which_methods_are_symplectic(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_the_lattice_may_be_moved_and_space_turned(name):
     """By two places along each axis; and under exchange alone all spins by one rotation."""
-    start, exchange = random_spins((4, 6)), ml.torques.Exchange(jnp.asarray([0.8, -0.5]))
+    start, exchange = random_spins((4, 6)), ml.spins.Exchange(jnp.asarray([0.8, -0.5]))
     path = run(name, 0.1, exchange, start, 0.1)
     moved = run(name, 0.1, exchange, np.roll(start, (2, 2), (0, 1)), 0.1)
     assert np.allclose(np.roll(path.states.spin, (2, 2), (0, 1)), moved.states.spin, rtol=0, atol=1e-13)
@@ -199,9 +198,11 @@ def test_spins_may_be_numbered_anew(name):
     start, order = random_spins((7,)), np.array([4, 2, 0, 6, 5, 1, 3])
 
     def end(matrix, labels, spin):
-        body = ml.Spins(sublattices=labels)
+        body = ml.spins.Spins(sublattices=labels)
         energy = ml.torques.FromPotential(lambda t, s: jnp.sum(matrix * (s.spin @ s.spin.T)) / 4)
-        return ml.integrate(name, body, energy, ml.SpinState(spin), dt=0.02, steps=20, save_every=None).states.spin
+        return ml.integrate(
+            name, body, energy, ml.spins.SpinState(spin), dt=0.02, steps=20, save_every=None
+        ).states.spin
 
     found = end(matrix, labels, jnp.asarray(start))
     again = end(matrix[order][:, order], labels[order], jnp.asarray(start[order]))
@@ -212,12 +213,12 @@ def test_spins_may_be_numbered_anew(name):
 
 def test_a_field_by_hand_and_one_from_an_energy_are_those_of_the_package():
     start, torque = random_spins((4, 3)), everything()
-    state = ml.SpinState(jnp.asarray(start))
+    state = ml.spins.SpinState(jnp.asarray(start))
     expected = field_numpy(0.7, start)
     assert np.allclose(torque(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
     by_energy = ml.torques.FromPotential(torque.potential)
     assert np.allclose(by_energy(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
-    cubic = ml.torques.CubicAnisotropy(0.4)
+    cubic = ml.spins.CubicAnisotropy(0.4)
     along = ml.torques.FromPotential(cubic.potential)(0.0, state)
     assert np.allclose(np.cross(cubic(0.0, state), start), np.cross(along, start), rtol=0, atol=1e-14)
 
@@ -235,7 +236,7 @@ def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
     turned = np.cos(angle) * across + np.sin(angle) * np.cross(k, across)
     expected = along * k + np.sqrt(1 - along**2) * turned
     path = run(
-        "SUBLATTICES[EA]", damping, ml.torques.AppliedField(jnp.asarray(field, dtype)), start.astype(dtype), 1.0, 10
+        "SUBLATTICES[EA]", damping, ml.spins.AppliedField(jnp.asarray(field, dtype)), start.astype(dtype), 1.0, 10
     )
     assert path.ok
     assert np.abs(np.asarray(path.states.spin) - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
@@ -249,7 +250,7 @@ def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails(dtype):
     spins = (spins / np.linalg.norm(spins, axis=1, keepdims=True)).astype(dtype)
 
     def ran(damping, strength, spins, steps):
-        field = ml.torques.AppliedField(jnp.array([0.0, 0.0, strength], dtype))
+        field = ml.spins.AppliedField(jnp.array([0.0, 0.0, strength], dtype))
         return run("SUBLATTICES[EA]", damping, field, spins, 1.0, steps, save_every=steps // 8 or 1)
 
     for kept in (ran(0.1, 1.0, spins, 800), ran(1.0, 4.0, spins, 1), ran(1.0, 16.0, spins[2:], 1)):
@@ -261,14 +262,16 @@ def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails(dtype):
 
 def test_a_bath_too_hot_for_its_step_makes_a_run_fail():
     """D h = 2: the law of the stage holds up to 1."""
-    torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(40.0, jax.random.key(1))
-    assert not go(torque, CHAIN, ml.Spins(damping=1.0), "SUBLATTICES[BAOAB]").ok
+    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(40.0, jax.random.key(1))
+    assert not go(torque, CHAIN, ml.spins.Spins(damping=1.0), "SUBLATTICES[BAOAB]").ok
 
 
 @pytest.mark.sample(0)
 def test_a_damping_of_zero_may_be_an_array():
-    start, torque = ml.SpinState(jnp.asarray(random_spins((4, 2)))), ml.torques.Exchange(1.0)
-    ends = [ml.integrate("SUBLATTICES[EA]", ml.Spins(a), torque, start, dt=0.1, steps=8) for a in (0, jnp.zeros(()))]
+    start, torque = ml.spins.SpinState(jnp.asarray(random_spins((4, 2)))), ml.spins.Exchange(1.0)
+    ends = [
+        ml.integrate("SUBLATTICES[EA]", ml.spins.Spins(a), torque, start, dt=0.1, steps=8) for a in (0, jnp.zeros(()))
+    ]
     assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-15)
 
 
@@ -277,7 +280,7 @@ def test_a_spin_switches_in_the_known_time():
     damping, field, theta0, theta1 = 0.05, 0.8, 3.0, 0.2
     time = (1 + damping**2) / (damping * field) * np.log(np.tan(theta0 / 2) / np.tan(theta1 / 2))
     start = np.array([np.sin(theta0), 0.0, np.cos(theta0)])
-    path = run("SUBLATTICES[EA]", damping, ml.torques.AppliedField([0.0, 0.0, field]), start, time / 64, 64)
+    path = run("SUBLATTICES[EA]", damping, ml.spins.AppliedField([0.0, 0.0, field]), start, time / 64, 64)
     assert abs(np.arccos(path.states.spin[2]) - theta1) < 1e-12
 
 
@@ -292,9 +295,9 @@ def test_a_spin_under_its_own_anisotropy_is_the_closed_form(damping):
     angle = (np.arctanh(z1) - np.arctanh(z)) / damping if damping > 1e-6 else 2 * strength * z * end
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ start[:2]
     expected = np.append(turned / np.linalg.norm(turned) * np.sqrt(1 - z1**2), z1)
-    path = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), start, 1.5, 2)
+    path = run("SUBLATTICES[EA]", damping, ml.spins.Anisotropy(strength), start, 1.5, 2)
     assert np.abs(path.states.spin - expected).max() < (1e-8 if damping == 1e-9 else 1e-13)
-    poles = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), np.array([0.0, 0.0, -1.0]), 1.5, 2)
+    poles = run("SUBLATTICES[EA]", damping, ml.spins.Anisotropy(strength), np.array([0.0, 0.0, -1.0]), 1.5, 2)
     assert np.allclose(poles.states.spin, [0.0, 0.0, -1.0], rtol=0, atol=1e-15)
 
 
@@ -315,9 +318,9 @@ def test_derivatives(name):
     start, weights = jnp.asarray(random_spins((4, 2))), random_spins((4, 2), seed=2)
 
     def value(coupling, adjoint=None):
-        torque = ml.torques.Exchange(coupling) + ml.torques.Anisotropy(0.3)
-        state = ml.SpinState(start)
-        path = ml.integrate(name, ml.Spins(), torque, state, dt=0.1, steps=8, save_every=None, adjoint=adjoint)
+        torque = ml.spins.Exchange(coupling) + ml.spins.Anisotropy(0.3)
+        state = ml.spins.SpinState(start)
+        path = ml.integrate(name, ml.spins.Spins(), torque, state, dt=0.1, steps=8, save_every=None, adjoint=adjoint)
         return jnp.sum(path.states.spin * weights)
 
     at = jnp.asarray(0.7)
@@ -336,16 +339,17 @@ def test_derivatives(name):
 @pytest.mark.parametrize(("shape", "closes"), [((4, 6), True), ((4, 2, 4), False), ((6,), True), ((6,), False)])
 def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, name):
     """Given by its labels, the lattice is moved with masks; also in a heat bath, whose numbers belong to places."""
-    t = ml.torques
     vectors = jnp.asarray(np.random.default_rng(4).normal(size=(len(shape), 3)))
-    torque = t.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + t.DzyaloshinskiiMoriya(vectors, closes)
-    torque = torque + t.Anisotropy(0.3, EASY) + t.AppliedField(shaken)
-    start = ml.SpinState(jnp.asarray(random_spins(shape)))
+    torque = ml.spins.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + ml.spins.DzyaloshinskiiMoriya(
+        vectors, closes
+    )
+    torque = torque + ml.spins.Anisotropy(0.3, EASY) + ml.spins.AppliedField(shaken)
+    start = ml.spins.SpinState(jnp.asarray(random_spins(shape)))
     if name == "BAOAB":
-        torque = torque + t.ThermalField(0.4, jax.random.key(7))
+        torque = torque + ml.spins.ThermalField(0.4, jax.random.key(7))
     ends = []
-    for labels in (None, ml.checkerboard(shape)):
-        body = ml.Spins(0.1, sublattices=labels)
+    for labels in (None, ml.spins.checkerboard(shape)):
+        body = ml.spins.Spins(0.1, sublattices=labels)
         ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, torque, start, dt=0.1, steps=8, save_every=4))
     assert ends[0].ok
     assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
@@ -362,63 +366,65 @@ FIVE = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
 @pytest.mark.parametrize(
     ("lattice", "torque", "last"),
     [
-        ((4, 4), ml.torques.Exchange(PAIR), ml.torques.Exchange(PAIR)),
-        ((4, 4), *[ml.torques.Exchange(1.0, periodic=(True, False)) + ml.torques.AppliedField([0.0, 0.0, 1.0])] * 2),
-        ((4, 4), *[ml.torques.DzyaloshinskiiMoriya(VECTORS)] * 2),
-        ((4, 4), ml.torques.Exchange(np.outer(FIVE, PAIR)), ml.torques.Exchange(5 * PAIR)),
-        ((4,), ml.torques.Exchange(FIVE), ml.torques.Exchange(5.0)),
-        ((), ml.torques.Anisotropy(FIVE), ml.torques.Anisotropy(5.0)),
+        ((4, 4), ml.spins.Exchange(PAIR), ml.spins.Exchange(PAIR)),
+        ((4, 4), *[ml.spins.Exchange(1.0, periodic=(True, False)) + ml.spins.AppliedField([0.0, 0.0, 1.0])] * 2),
+        ((4, 4), *[ml.spins.DzyaloshinskiiMoriya(VECTORS)] * 2),
+        ((4, 4), ml.spins.Exchange(np.outer(FIVE, PAIR)), ml.spins.Exchange(5 * PAIR)),
+        ((4,), ml.spins.Exchange(FIVE), ml.spins.Exchange(5.0)),
+        ((), ml.spins.Anisotropy(FIVE), ml.spins.Anisotropy(5.0)),
     ],
     ids=["coupling", "periodic", "vectors", "rows of couplings", "rows", "single spins"],
 )
 def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, last):
     spin, few = jnp.asarray(random_spins((5, *lattice))), {"dt": 0.1, "steps": 2, "save_every": 2}
-    found = ml.ensemble("SUBLATTICES[EA]", ml.Spins(), torque, ml.SpinState(spin), **few)
-    alone = ml.integrate("SUBLATTICES[EA]", ml.Spins(), last, ml.SpinState(spin[-1]), **few)
+    found = ml.ensemble("SUBLATTICES[EA]", ml.spins.Spins(), torque, ml.spins.SpinState(spin), **few)
+    alone = ml.integrate("SUBLATTICES[EA]", ml.spins.Spins(), last, ml.spins.SpinState(spin[-1]), **few)
     assert np.abs(found.states.spin[-1] - alone.states.spin).max() < 1e-14
 
 
 @pytest.mark.parametrize(
     ("shape", "torque", "message"),
     [
-        ((6, 4), ml.torques.Exchange(PAIR), r"coupling must be \(\) or \(1,\)"),
-        ((6, 4), ml.torques.Exchange(1.0, periodic=(True, False)), "periodic has 2 entries.*1 axes"),
-        ((6, 4, 2), ml.torques.Exchange(1.0, periodic=(True,)), "periodic has 1 entries.*2 axes"),
-        ((6, 4), ml.torques.DzyaloshinskiiMoriya(VECTORS), r"vectors must be \(1, 3\)"),
-        ((4,), ml.torques.Exchange(1.0), "needs a lattice"),
-        ((), ml.torques.AppliedField([0.0, 0.0, 1.0]), r"start.spin must be \(n, ..., 3\)"),
+        ((6, 4), ml.spins.Exchange(PAIR), r"coupling must be \(\) or \(1,\)"),
+        ((6, 4), ml.spins.Exchange(1.0, periodic=(True, False)), "periodic has 2 entries.*1 axes"),
+        ((6, 4, 2), ml.spins.Exchange(1.0, periodic=(True,)), "periodic has 1 entries.*2 axes"),
+        ((6, 4), ml.spins.DzyaloshinskiiMoriya(VECTORS), r"vectors must be \(1, 3\)"),
+        ((4,), ml.spins.Exchange(1.0), "needs a lattice"),
+        ((), ml.spins.AppliedField([0.0, 0.0, 1.0]), r"start.spin must be \(n, ..., 3\)"),
     ],
     ids=["coupling", "periodic", "closed", "vectors", "single spins", "one spin"],
 )
 @pytest.mark.parametrize("driver", [ml.ensemble, ml.simulate])
 def test_an_ensemble_refuses_a_field_of_another_lattice(driver, shape, torque, message, tmp_path):
     place = {"out": tmp_path / "run.npz"} if driver is ml.simulate else {}
-    start = ml.SpinState(jnp.asarray(random_spins(shape)))
+    start = ml.spins.SpinState(jnp.asarray(random_spins(shape)))
     with pytest.raises(ValueError, match=f"(?s){message}"):
-        driver("SUBLATTICES[EA]", ml.Spins(), torque, start, dt=0.1, steps=2, **place)
+        driver("SUBLATTICES[EA]", ml.spins.Spins(), torque, start, dt=0.1, steps=2, **place)
 
 
 @pytest.mark.sample(0)
 def test_a_function_may_hold_a_number_that_is_not_known_yet():
-    start = ml.SpinState(jnp.asarray(random_spins((4,))))
+    start = ml.spins.SpinState(jnp.asarray(random_spins((4,))))
 
     def end(coupling, field):
-        path = ml.integrate("SUBLATTICES[EA]", ml.Spins(), field(coupling), start, dt=0.1, steps=2, save_every=None)
+        path = ml.integrate(
+            "SUBLATTICES[EA]", ml.spins.Spins(), field(coupling), start, dt=0.1, steps=2, save_every=None
+        )
         return path.states.spin[0, 2]
 
     def by_hand(coupling):
         return lambda t, s: coupling * (jnp.roll(s.spin, 1, 0) + jnp.roll(s.spin, -1, 0))
 
-    assert np.allclose(jax.grad(end)(0.7, by_hand), jax.grad(end)(0.7, ml.torques.Exchange), rtol=1e-10)
+    assert np.allclose(jax.grad(end)(0.7, by_hand), jax.grad(end)(0.7, ml.spins.Exchange), rtol=1e-10)
 
 
 @pytest.mark.sample(0)
 def test_a_file_holds_what_an_ensemble_returns(tmp_path):
-    starts = ml.SpinState(jnp.asarray(random_spins((3, 4, 2))))
-    run = partial(ml.simulate, "SUBLATTICES[EA]", ml.Spins(0.1), ml.torques.Exchange(1.0), starts, dt=0.1, steps=4)
+    starts = ml.spins.SpinState(jnp.asarray(random_spins((3, 4, 2))))
+    run = partial(ml.simulate, "SUBLATTICES[EA]", ml.spins.Spins(0.1), ml.spins.Exchange(1.0), starts, dt=0.1, steps=4)
     found = run(save_every=2, out=tmp_path / "spins.zarr")
     path = ml.ensemble(
-        "SUBLATTICES[EA]", ml.Spins(0.1), ml.torques.Exchange(1.0), starts, dt=0.1, steps=4, save_every=2
+        "SUBLATTICES[EA]", ml.spins.Spins(0.1), ml.spins.Exchange(1.0), starts, dt=0.1, steps=4, save_every=2
     )
     assert np.array_equal(found.states().spin, path.states.spin)
 
@@ -427,9 +433,9 @@ def test_a_file_holds_what_an_ensemble_returns(tmp_path):
 def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
     """<cos> = coth x - 1/x with x = B/kT."""
     count, steps = 2000, 400
-    start = ml.SpinState(jnp.asarray(random_spins((count,))))
-    torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(1 / x, jax.random.key(5))
-    path = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.5), torque, start, dt=dt, steps=steps, save_every=20)
+    start = ml.spins.SpinState(jnp.asarray(random_spins((count,))))
+    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(1 / x, jax.random.key(5))
+    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.5), torque, start, dt=dt, steps=steps, save_every=20)
     seen = np.asarray(path.states.spin[8:, :, 2])
     assert path.ok
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
@@ -443,11 +449,11 @@ def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
     drawn = np.random.default_rng(2).uniform(size=(2, count))
     cosine, angle = np.log(np.exp(-x) + 2 * np.sinh(x) * drawn[0]) / x, 2 * np.pi * drawn[1]
     sine = np.sqrt(1 - cosine**2)
-    start = ml.SpinState(np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1))
-    torque = ml.torques.AppliedField([0.0, 0.0, x]) + ml.torques.ThermalField(1.0, jax.random.key(5))
+    start = ml.spins.SpinState(np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1))
+    torque = ml.spins.AppliedField([0.0, 0.0, x]) + ml.spins.ThermalField(1.0, jax.random.key(5))
 
     def spins(spin, **options):
-        method, body, start = f"SUBLATTICES[{scheme}]", ml.Spins(0.5), ml.SpinState(spin)
+        method, body, start = f"SUBLATTICES[{scheme}]", ml.spins.Spins(0.5), ml.spins.SpinState(spin)
         return ml.integrate(method, body, torque, start, dt=0.05, **options).states.spin
 
     end, one = spins(start.spin, steps=steps, save_every=None), start.spin
@@ -463,14 +469,14 @@ def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
 def test_coupled_spins_in_a_heat_bath_and_free_ones():
     """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
     x, count = 2.0, 1500
-    torque = ml.torques.Exchange(jnp.asarray([0.0, 1.0]), periodic=False)
-    torque = torque + ml.torques.ThermalField(1 / x, jax.random.key(2))
-    start = ml.SpinState(jnp.asarray(random_spins((count, 2))))
-    path = ml.integrate("SUBLATTICES[OBABO]", ml.Spins(0.4), torque, start, dt=0.2, steps=400, save_every=40)
+    torque = ml.spins.Exchange(jnp.asarray([0.0, 1.0]), periodic=False)
+    torque = torque + ml.spins.ThermalField(1 / x, jax.random.key(2))
+    start = ml.spins.SpinState(jnp.asarray(random_spins((count, 2))))
+    path = ml.integrate("SUBLATTICES[OBABO]", ml.spins.Spins(0.4), torque, start, dt=0.2, steps=400, save_every=40)
     seen = np.sum(path.states.spin[5:, :, 0] * path.states.spin[5:, :, 1], axis=-1)
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
-    bath = ml.torques.ThermalField(0.9, jax.random.key(3))
-    free = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.3), bath, start, dt=0.5, steps=4)
+    bath = ml.spins.ThermalField(0.9, jax.random.key(3))
+    free = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.3), bath, start, dt=0.5, steps=4)
     spread = 0.9 * 0.3 / (1 + 0.3**2)
     along = np.sum(np.asarray(free.states.spin) * np.asarray(start.spin), axis=-1).reshape(5, -1)
     assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
@@ -478,9 +484,9 @@ def test_coupled_spins_in_a_heat_bath_and_free_ones():
 
 @pytest.mark.sample(0)
 def test_a_heat_bath_in_float32():
-    start = ml.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
-    torque = ml.torques.Exchange(1.0) + ml.torques.ThermalField(0.5, jax.random.key(1))
-    path = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.1), torque, start, dt=0.1, steps=4)
+    start = ml.spins.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
+    torque = ml.spins.Exchange(1.0) + ml.spins.ThermalField(0.5, jax.random.key(1))
+    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.1), torque, start, dt=0.1, steps=4)
     assert path.ok
     assert path.states.spin.dtype == jnp.float32
 
@@ -492,18 +498,18 @@ def test_a_method_has_a_name_or_two():
         ml.method("SUBLATTICES")
 
 
-NEAR = ml.torques.Exchange(1.0)
-CHAIN = ml.SpinState(jnp.asarray(random_spins((6,))))
+NEAR = ml.spins.Exchange(1.0)
+CHAIN = ml.spins.SpinState(jnp.asarray(random_spins((6,))))
 TWO = {"dt": 0.1, "steps": 2}
 REFUSED = {
-    "not unit": (lambda: ml.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
-    "damping": (lambda: ml.Spins(-0.1), "damping must be finite and not negative"),
-    "labels": (lambda: ml.Spins(sublattices=[0, 2]), "sublattices must use every number"),
+    "not unit": (lambda: ml.spins.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
+    "damping": (lambda: ml.spins.Spins(-0.1), "damping must be finite and not negative"),
+    "labels": (lambda: ml.spins.Spins(sublattices=[0, 2]), "sublattices must use every number"),
     "odd ring": (
-        lambda: go(NEAR, ml.SpinState(jnp.asarray(random_spins((5,))))),
+        lambda: go(NEAR, ml.spins.SpinState(jnp.asarray(random_spins((5,))))),
         "is periodic with an odd number of 5 sites.*sublattices.*spherical midpoint",
     ),
-    "shape of labels": (lambda: go(NEAR, CHAIN, ml.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
+    "shape of labels": (lambda: go(NEAR, CHAIN, ml.spins.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
     "own field by hand": (
         lambda: go(ml.torques.FromPotential(lambda t, s: jnp.sum(s.spin[:, 2] ** 2)), CHAIN),
         "depends on spins of sublattice 0",
@@ -513,100 +519,109 @@ REFUSED = {
         "depends on spins of sublattice 0",
     ),
     "damped cubic": (
-        lambda: go(ml.torques.CubicAnisotropy(1.0), CHAIN, ml.Spins(0.1)),
+        lambda: go(ml.spins.CubicAnisotropy(1.0), CHAIN, ml.spins.Spins(0.1)),
         "no closed form.*spherical midpoint",
     ),
     "own class": (lambda: go(SumOfSquares(), CHAIN), "depends on spins of sublattice 0.*spherical midpoint"),
     "own class in a sum": (lambda: go(NEAR + SumOfSquares(), CHAIN), "depends on spins of sublattice 0"),
     "own class on two": (lambda: go(Before(), CHAIN), r"depends on spins of sublattice 0.*Spins\(sublattices"),
     "damped quartic": (
-        lambda: go(Quartic(jnp.array(0.5)), CHAIN, ml.Spins(0.1)),
+        lambda: go(Quartic(jnp.array(0.5)), CHAIN, ml.spins.Spins(0.1)),
         "damped spin under Quartic has no closed form.*spherical midpoint",
     ),
     "friction": (
-        lambda: go(ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.Damping(5.0), CHAIN),
-        r"Damping reads the angular velocity.*midlie_jax.Spins\(damping=...\)",
+        lambda: go(ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.torques.Damping(5.0), CHAIN),
+        r"Damping reads the angular velocity.*midlie_jax.spins.Spins\(damping=...\)",
     ),
     "frictions": (
-        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(), ml.torques.Damping(5.0), CHAIN, dt=0.1, steps=2),
-        r"midlie_jax.Spins\(damping=...\)",
+        lambda: ml.ensemble("SUBLATTICES[EA]", ml.spins.Spins(), ml.torques.Damping(5.0), CHAIN, dt=0.1, steps=2),
+        r"midlie_jax.spins.Spins\(damping=...\)",
     ),
     "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "uses gradients of forces"),
     "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
     "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
-    "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
+    "bath": (lambda: go(NEAR + ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
     "which bath": (
-        lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="spherical midpoint"),
+        lambda: go(NEAR + ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN, name="spherical midpoint"),
         r"heat bath, ThermalField.*no stage for it.*such as SUBLATTICES\[BAOAB\]\.",
     ),
-    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.torques.ThermalField\(kT, key\)"),
+    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.spins.ThermalField\(kT, key\)"),
     **{
         f"shape of {name}": (lambda body=body, torque=torque: go(torque, CHAIN, body), message)
         for name, body, torque, message in (
-            ("strength", None, ml.torques.Anisotropy(np.ones(3)), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
-            ("strengths", None, ml.torques.CubicAnisotropy(np.ones((2, 6))), r"strength must be .*got \(2, 6\)"),
-            ("damping", ml.Spins(np.ones(3)), NEAR, r"damping must be \(\).* or \(6,\).*got \(3,\)"),
-            ("ratio", ml.Spins(gyromagnetic=np.ones((2, 6))), NEAR, r"gyromagnetic must be .*got \(2, 6\)"),
-            ("field", None, ml.torques.AppliedField(np.ones((5, 3))), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
+            ("strength", None, ml.spins.Anisotropy(np.ones(3)), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
+            ("strengths", None, ml.spins.CubicAnisotropy(np.ones((2, 6))), r"strength must be .*got \(2, 6\)"),
+            ("damping", ml.spins.Spins(np.ones(3)), NEAR, r"damping must be \(\).* or \(6,\).*got \(3,\)"),
+            ("ratio", ml.spins.Spins(gyromagnetic=np.ones((2, 6))), NEAR, r"gyromagnetic must be .*got \(2, 6\)"),
+            ("field", None, ml.spins.AppliedField(np.ones((5, 3))), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
         )
     },
     "dampings": (
-        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(np.ones(6)), NEAR, ml.SpinState(random_spins((6, 4))), **TWO),
+        lambda: ml.ensemble(
+            "SUBLATTICES[EA]", ml.spins.Spins(np.ones(6)), NEAR, ml.spins.SpinState(random_spins((6, 4))), **TWO
+        ),
         r"damping must be \(\).* or \(4,\)",
     ),
-    "no spins": (lambda: go(NEAR, ml.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold at least one spin"),
+    "no spins": (lambda: go(NEAR, ml.spins.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold at least one spin"),
     "energy of a strength": (
-        lambda: ml.energy(ml.Spins(), ml.torques.Anisotropy(np.ones(3)), CHAIN),
+        lambda: ml.observe.energy(ml.spins.Spins(), ml.spins.Anisotropy(np.ones(3)), CHAIN),
         "strength must be",
     ),
     "energy of couplings": (
-        lambda: ml.energy(ml.Spins(), ml.torques.Exchange([1.0, 2.0, 3.0]), CHAIN),
+        lambda: ml.observe.energy(ml.spins.Spins(), ml.spins.Exchange([1.0, 2.0, 3.0]), CHAIN),
         r"coupling must be \(\) or \(1,\)",
     ),
     "energy of vectors": (
-        lambda: ml.torques.DzyaloshinskiiMoriya(VECTORS).potential(0.0, CHAIN),
+        lambda: ml.spins.DzyaloshinskiiMoriya(VECTORS).potential(0.0, CHAIN),
         r"vectors must be \(1, 3\)",
     ),
     "undamped bath": (
-        lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
+        lambda: go(ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
         "needs a damping",
     ),
     "undamped baths": (
         lambda: ml.ensemble(
             "SUBLATTICES[BAOAB]",
-            ml.Spins(),
-            NEAR + ml.torques.ThermalField(1.0, jax.random.split(jax.random.key(0), 2)),
-            ml.SpinState(jnp.asarray(random_spins((2, 6)))),
+            ml.spins.Spins(),
+            NEAR + ml.spins.ThermalField(1.0, jax.random.split(jax.random.key(0), 2)),
+            ml.spins.SpinState(jnp.asarray(random_spins((2, 6)))),
             dt=0.1,
             steps=2,
         ),
         "needs a damping",
     ),
-    "axes": (lambda: go(ml.torques.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),
-    "vectors": (lambda: go(ml.torques.DzyaloshinskiiMoriya(jnp.ones((2, 3))), CHAIN), r"vectors must be \(1, 3\)"),
-    "periodic": (lambda: ml.torques.Exchange(1.0, periodic="x"), "periodic must be True or False"),
+    "axes": (lambda: go(ml.spins.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),
+    "vectors": (lambda: go(ml.spins.DzyaloshinskiiMoriya(jnp.ones((2, 3))), CHAIN), r"vectors must be \(1, 3\)"),
+    "periodic": (lambda: ml.spins.Exchange(1.0, periodic="x"), "periodic must be True or False"),
     "odd rings": (
         lambda: ml.ensemble(
-            "SUBLATTICES[EA]", ml.Spins(), NEAR, ml.SpinState(jnp.asarray(random_spins((2, 5)))), dt=0.1, steps=2
+            "SUBLATTICES[EA]",
+            ml.spins.Spins(),
+            NEAR,
+            ml.spins.SpinState(jnp.asarray(random_spins((2, 5)))),
+            dt=0.1,
+            steps=2,
         ),
         "is periodic with an odd number of 5 sites",
     ),
     "diffrax": (
-        lambda: ml.LieSolver("SUBLATTICES[EA]").init(ml.RigidBodyTerm(ml.Spins(), NEAR), 0.0, 1.0, CHAIN, None),
+        lambda: ml.diffrax.LieSolver("SUBLATTICES[EA]").init(
+            ml.diffrax.RigidBodyTerm(ml.spins.Spins(), NEAR), 0.0, 1.0, CHAIN, None
+        ),
         "diffrax does not support spins; use midlie_jax.integrate",
     ),
     "adaptive": (
-        lambda: ml.integrate_adaptive(
-            "SUBLATTICES[EA]", ml.Spins(), NEAR, CHAIN, density=lambda t, s: jnp.ones(()), dt=0.1, steps=2
+        lambda: ml.integrate_variable_step(
+            "SUBLATTICES[EA]", ml.spins.Spins(), NEAR, CHAIN, density=lambda t, s: jnp.ones(()), dt=0.1, steps=2
         ),
         "spins run with a constant step",
     ),
     "a torque of bodies": (lambda: go(ml.torques.HeavyTop(1.0), CHAIN), "no body frame.*give a field.*AppliedField"),
-    "no lattice": (lambda: go(NEAR, ml.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
+    "no lattice": (lambda: go(NEAR, ml.spins.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
 }
 
 
-class SumOfSquares(ml.torques.SpinField):
+class SumOfSquares(ml.spins.SpinField):
     """A field of the user's own that reads the spin on which it acts: H = -x^2 y^2."""
 
     def field(self, t, spin):
@@ -617,7 +632,7 @@ class SumOfSquares(ml.torques.SpinField):
         return -((spin[0] * spin[1]) ** 2)
 
 
-class Before(ml.torques.SpinField):
+class Before(ml.spins.SpinField):
     """A field of the user's own from the place before, which has the same parameters for all spins."""
 
     def field(self, t, spin):
@@ -627,7 +642,7 @@ class Before(ml.torques.SpinField):
         return 0 * spin[0]
 
 
-class Quartic(ml.torques.OwnField):
+class Quartic(ml.spins.OwnField):
     """H = -K sum (S . z)^4."""
 
     strength: jax.Array
@@ -647,14 +662,14 @@ def test_a_field_of_ones_own_that_reads_neighbours_acts_as_the_same_function_doe
     def function(t, state):
         return jnp.roll(state.spin, 1, 0)
 
-    halves = ml.Spins(sublattices=ml.checkerboard((6,)))
+    halves = ml.spins.Spins(sublattices=ml.spins.checkerboard((6,)))
     for body, field, same in ((halves, Before(), function), (None, Before() + NEAR, ml.torques.Sum(function, NEAR))):
         found, true = go(field, CHAIN, body), go(same, CHAIN, body)
         assert np.abs(found.states.spin - true.states.spin).max() < 1e-14
 
 
 def go(torque, start, body=None, name="SUBLATTICES[EA]"):
-    return ml.integrate(name, body or ml.Spins(), torque, start, dt=0.1, steps=2)
+    return ml.integrate(name, body or ml.spins.Spins(), torque, start, dt=0.1, steps=2)
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -668,14 +683,13 @@ def test_what_is_refused(case):
 @pytest.mark.parametrize("name", ["SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]", "RK4"])
 @pytest.mark.parametrize("near", [False, True])
 def test_python_numbers_run_in_float32(name, near):
-    t = ml.torques
-    own = t.CubicAnisotropy(0.2) + t.Anisotropy(0.3) + t.Anisotropy(0.3, [0, 0.6, 0.8])
-    start = ml.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
+    own = ml.spins.CubicAnisotropy(0.2) + ml.spins.Anisotropy(0.3) + ml.spins.Anisotropy(0.3, [0, 0.6, 0.8])
+    start = ml.spins.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
     path = go(own + NEAR if near else own, start, name=name)
     assert path.ok
     assert path.states.spin.dtype == jnp.float32
 
 
 def test_a_turn_beyond_the_longest_shows_in_ok():
-    path = go(ml.torques.AppliedField([0.0, 0.0, 100.0]), CHAIN)
+    path = go(ml.spins.AppliedField([0.0, 0.0, 100.0]), CHAIN)
     assert not path.ok

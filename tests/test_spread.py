@@ -38,10 +38,10 @@ def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
 @pytest.mark.parametrize("save_every", [10, None])
 def test_observables_are_those_of_the_states(chunk, save_every):
     observe = {
-        "energy": ml.observe.Energy(),
+        "energy": ml.observe.energy,
         "axis": ml.observe.Axis((0.0, 0.0, 2.0)),
-        "momentum": ml.observe.SpatialMomentum(),
-        "rate": ml.observe.AngularVelocity(),
+        "momentum": ml.observe.spatial_momentum,
+        "rate": ml.observe.angular_velocity,
         "function": lambda t, state: t * state.momentum[0],
     }
     states = ensemble(chunk=chunk, save_every=save_every)
@@ -49,13 +49,13 @@ def test_observables_are_those_of_the_states(chunk, save_every):
     state, times = states.states, np.asarray(states.times)
 
     def energy(body, torque, state):
-        return ml.energy(body, torque, state)
+        return ml.observe.energy(body, torque, state)
 
     over_times = energy if save_every is None else jax.vmap(energy, (None, None, 0))
     expected = {
         "energy": jax.vmap(over_times)(BODY, TORQUE, state),
         "axis": ml.so3.to_matrix(state.attitude)[..., 2],
-        "momentum": ml.spatial_momentum(state),
+        "momentum": ml.observe.spatial_momentum(state),
         "rate": np.asarray(state.momentum) / (MOMENTS if save_every is None else MOMENTS[:, None]),
         "function": times * np.asarray(state.momentum)[..., 0],
     }

@@ -103,7 +103,7 @@ def test_files_say_what_each_array_is(kind):
 def test_a_state_from_velocities_has_these_velocities(state):
     """Every kind of state of a body: the velocities of the state made from the velocities of another are the same."""
     body, start = STATES[state]
-    if isinstance(start, ml.SpinState):
+    if isinstance(start, ml.spins.SpinState):
         with pytest.raises(ValueError, match="body must be"):
             type(start).from_velocity(ml.RigidBody([1.0, 2.0, 2.5]), jnp.ones(3))
         return
@@ -122,11 +122,11 @@ def test_a_state_from_velocities_has_these_velocities(state):
 def test_a_spin_needs_its_moment():
     axis, velocity = [0.0, 0.6, 0.8], jnp.array([0.3, -0.2, 1.5])
     with pytest.raises(ValueError, match="velocity has a part along the axis"):
-        ml.AxisState.from_velocity(ml.Rotor(2.0), velocity, axis)
-    made = ml.AxisState.from_velocity(ml.Rotor(2.0, 0.5), velocity, axis)
+        ml.AxisState.from_velocity(ml.SymmetricRotor(2.0), velocity, axis)
+    made = ml.AxisState.from_velocity(ml.SymmetricRotor(2.0, 0.5), velocity, axis)
     along = jnp.sum(velocity * jnp.array(axis)) * jnp.array(axis)
     np.testing.assert_allclose(made.momentum, 2.0 * (velocity - along) + 0.5 * along, rtol=1e-14)
-    with pytest.raises(ValueError, match="body must be a Rotor"):
+    with pytest.raises(ValueError, match="body must be a SymmetricRotor"):
         ml.AxisState.from_velocity(ml.RigidBody([2.0, 2.0, 0.5]), velocity, axis)
 
 
@@ -151,4 +151,4 @@ def test_joined_bodies_are_the_body_of_all_their_points():
     tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
     np.testing.assert_allclose(body.body.tensor, tensor, rtol=1e-12, atol=1e-12)
     with pytest.raises(ValueError, match=r"parts\[0\] must begin with"):
-        ml.joined([(ml.Rotor(1.0), 1.0, [0.0, 0.0, 0.0])])
+        ml.joined([(ml.SymmetricRotor(1.0), 1.0, [0.0, 0.0, 0.0])])

@@ -134,13 +134,13 @@ def test_export_refuses_in_words(run, capsys, options, words):
 
 OBSERVED = {
     "states": ({}, ["attitude w", "attitude x", "attitude y", "attitude z", "momentum 1", "momentum 2", "momentum 3"]),
-    "a number": ({"observe": ml.observe.Energy()}, ["observed"]),
-    "a step each": ({"dt": jnp.array([0.1, 0.2, 0.3]), "observe": ml.observe.Energy()}, ["observed"]),
+    "a number": ({"observe": ml.observe.energy}, ["observed"]),
+    "a step each": ({"dt": jnp.array([0.1, 0.2, 0.3]), "observe": ml.observe.energy}, ["observed"]),
     "histogram": (
-        {"observe": ml.observe.Histogram(ml.observe.Energy(), [0.0, 1.0, 9.0])},
+        {"observe": ml.observe.Histogram(ml.observe.energy, [0.0, 1.0, 9.0])},
         ["observed 1", "observed 2"],
     ),
-    "spectrum": ({"observe": ml.observe.Spectrum(ml.observe.Energy(), 5)}, ["density", "error", "number"]),
+    "spectrum": ({"observe": ml.observe.Spectrum(ml.observe.energy, 5)}, ["density", "error", "number"]),
 }
 
 
@@ -179,6 +179,6 @@ def test_a_run_goes_on_from_the_last_states_of_another(run, tmp_path, ending):
 
 
 def test_what_was_observed_is_no_state(tmp_path):
-    seen = simulated(tmp_path / "run.zarr", observe=ml.observe.AngularVelocity())
+    seen = simulated(tmp_path / "run.zarr", observe=ml.observe.angular_velocity)
     with pytest.raises(ValueError, match="holds no states"):
         seen.states()

@@ -177,7 +177,7 @@ def test_all_names_are_shown_and_imported_without_the_optimisers():
 def test_the_package_shows_the_names_of_its_stub():
     """And each is what it is in the file that the stub names, also after the folder `methods` was imported."""
     code = (
-        "import ast, sys, midlie_jax as ml; print('jax' in sys.modules); import midlie_jax.methods.registry\n"
+        "import ast, sys, midlie_jax as ml; print('jax' in sys.modules); import midlie_jax.integrators.registry\n"
         "nodes = ast.parse(open(ml.__file__ + 'i').read()).body\n"
         "where = {a.asname: n.module for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}\n"
         "shown = {name: getattr(ml, name) for name in dir(ml)}\n"
@@ -225,7 +225,7 @@ def test_one_file_uses_what_jax_does_not_document():
 def test_diffrax_is_imported_when_a_solver_is_asked_for():
     code = (
         "import sys, midlie_jax as ml; print('diffrax' in sys.modules, 'optimistix' in sys.modules); "
-        "ml.LieSolver, ml.LieInterpolation, ml.RigidBodyTerm, ml.RotationNorm; print('diffrax' in sys.modules)"
+        "ml.diffrax.LieSolver, ml.diffrax.LieInterpolation, ml.diffrax.RigidBodyTerm, ml.diffrax.RotationNorm; print('diffrax' in sys.modules)"
     )
     assert printed(code).split() == ["False", "False", "True"]
 

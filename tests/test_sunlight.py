@@ -25,7 +25,7 @@ BLACK, ONE_THIRD = (0.0, 0.0, 0.0), (1 / 3, 1 / 3, 1.0)
 
 
 def light(surface, direction=SUN, flux=1.0, *fractions, c=1.0, **named):
-    return torques.Sunlight(surface, direction, flux, *fractions, speed_of_light=c, **named)
+    return ml.asteroids.Sunlight(surface, direction, flux, *fractions, speed_of_light=c, **named)
 
 
 # Sunlight.
@@ -247,15 +247,15 @@ def test_a_plate_across_the_flow_has_the_drag_of_the_books():
     ahead, behind = jnp.array([0.0, 0.0, v]), jnp.array([0.0, 0.0, -v])
     force = rho * 3.0 * v * (v + np.sqrt(np.pi) / 2 * wall)
     np.testing.assert_allclose(
-        torques.FreeMolecularDrag(plate, rho, ahead, wall_speed=wall)(0.0, STILL), [0, force, 0], rtol=1e-14
+        ml.spacecraft.FreeMolecularDrag(plate, rho, ahead, wall_speed=wall)(0.0, STILL), [0, force, 0], rtol=1e-14
     )
-    np.testing.assert_allclose(torques.FreeMolecularDrag(plate, rho, behind)(0.0, STILL), 0)
+    np.testing.assert_allclose(ml.spacecraft.FreeMolecularDrag(plate, rho, behind)(0.0, STILL), 0)
     # At an angle: what is met is less by its cosine, and pushes along the velocity.
     slanted = jnp.array([0.0, 1.2, 1.6])
     exact = np.cross([1.0, 0, 0], -rho * 3.0 * 1.6 * slanted)
-    np.testing.assert_allclose(torques.FreeMolecularDrag(plate, rho, slanted)(0.0, STILL), exact, rtol=1e-14)
+    np.testing.assert_allclose(ml.spacecraft.FreeMolecularDrag(plate, rho, slanted)(0.0, STILL), exact, rtol=1e-14)
     # At rest in warm gas, a plate fully accommodated to it is pushed by the pressure rho c^2/2, on its one side.
-    still = torques.FreeMolecularDrag(plate, rho, jnp.zeros(3), thermal_speed=1.5, wall_speed=1.5)(0.0, STILL)
+    still = ml.spacecraft.FreeMolecularDrag(plate, rho, jnp.zeros(3), thermal_speed=1.5, wall_speed=1.5)(0.0, STILL)
     np.testing.assert_allclose(still, [0, 3.0 * rho * 1.5**2 / 2, 0], rtol=1e-14)
 
 
@@ -267,7 +267,7 @@ def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
     flow = {} if s is None else {"thermal_speed": v / s}
     body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 2.0)
     state = ml.FreeState(STATE.momentum, STATE.attitude, 2.0 * (v * SUN + jnp.array([1.0, 0, 0])), jnp.zeros(3))
-    drag = torques.FreeMolecularDrag(
+    drag = ml.spacecraft.FreeMolecularDrag(
         SPHERE, lambda t: rho + 0 * t, wind=jnp.array([1.0, 0, 0]), accommodation=a, wall_speed=wall, **flow
     )
     wrench = drag.on(body)(0.0, state)
@@ -285,11 +285,11 @@ def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
 def test_a_box_in_thin_gas_settles_with_its_centre_of_pressure_behind():
     """Moved forward of its facets, the centre of mass leads; and the run is differentiable through drag at rest."""
     surface = ml.Surface.box([1.0, 1.0, 1.0]).moved([0.0, 0.0, -0.3])
-    drag = torques.FreeMolecularDrag(surface, 0.5, jnp.array([0.0, 0.0, 2.0]), accommodation=0.9)
+    drag = ml.spacecraft.FreeMolecularDrag(surface, 0.5, jnp.array([0.0, 0.0, 2.0]), accommodation=0.9)
     body, start = ml.RigidBody([1.0, 1.0, 1.0]), ml.RigidState(jnp.zeros(3), so3.exp(jnp.array([0.6, 0.3, 0.0])))
     path = ml.integrate("JACOBI[EA]", body, drag + torques.Damping(0.5), start, dt=0.02, steps=3000, save_every=3000)
     np.testing.assert_allclose(so3.to_matrix(path.states.attitude[-1])[2, 2], 1, atol=1e-6)
-    slope = jax.grad(lambda v: torques.FreeMolecularDrag(surface, 0.5, v)(0.0, STILL)[0])(jnp.zeros(3))
+    slope = jax.grad(lambda v: ml.spacecraft.FreeMolecularDrag(surface, 0.5, v)(0.0, STILL)[0])(jnp.zeros(3))
     np.testing.assert_allclose(slope, 0)
 
 
@@ -303,7 +303,7 @@ def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodatio
     gas = {"velocity": jnp.array([0.3, 0.0, 2.0]), "thermal_speed": thermal_speed}
 
     def torque(wall, part=accommodation):
-        return torques.FreeMolecularDrag(plates, 1.0, **gas, accommodation=part, wall_speed=wall)(0.0, STILL)[2]
+        return ml.spacecraft.FreeMolecularDrag(plates, 1.0, **gas, accommodation=part, wall_speed=wall)(0.0, STILL)[2]
 
     step = 1e-7
     slope = float(torque(step) - torque(0.0)) / step
@@ -320,7 +320,7 @@ def test_eddy_currents_stop_the_turn_across_the_field_and_leave_that_along_it():
     """A sphere: I Omega' = -M B^2 Omega across, so that what is across decays as exp(-M B^2 t / I)."""
     body, field, m = ml.RigidBody([2.0, 2.0, 2.0]), jnp.array([0.0, 0.0, 1.5]), 0.3
     start = ml.RigidState(jnp.array([0.6, 0.8, 0.5]), STATE.attitude)
-    path = ml.integrate("JACOBI[SRKN6b]", body, torques.EddyCurrents(m, field), start, dt=0.05, steps=100)
+    path = ml.integrate("JACOBI[SRKN6b]", body, ml.spacecraft.EddyCurrents(m, field), start, dt=0.05, steps=100)
     spin = np.asarray(so3.rotate(path.states.attitude, path.states.momentum))
     decay = np.exp(-m * 1.5**2 / 2 * np.asarray(path.times))
     np.testing.assert_allclose(spin[:, :2], decay[:, None] * spin[0, :2], atol=2e-4)
@@ -336,25 +336,27 @@ def test_eddy_currents_take_the_energy_that_they_say():
     here = np.asarray(so3.rotate(so3.conjugate(STATE.attitude), field))
     for m in (0.7, jnp.array([0.7, 0.2, 1.1]), tensor):
         full = np.asarray(m) * np.eye(3) if jnp.ndim(m) < 2 else np.asarray(m)
-        torque = np.asarray(torques.EddyCurrents(m, lambda t: field * (1 + t)).on(body)(1.0, STATE))
+        torque = np.asarray(ml.spacecraft.EddyCurrents(m, lambda t: field * (1 + t)).on(body)(1.0, STATE))
         across = np.cross(velocity, 2 * here)
         np.testing.assert_allclose(torque, np.cross(full @ across, 2 * here), rtol=1e-12)
         assert torque @ velocity == pytest.approx(-across @ full @ across)
         assert torque @ velocity < 0
     along = ml.RigidState(body.momentum(jnp.asarray(here)), STATE.attitude)
-    np.testing.assert_allclose(torques.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
+    np.testing.assert_allclose(ml.spacecraft.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
 
 
 def test_diagonals_of_three_bodies_are_written_as_the_message_says():
     """An array (3, 3) is a tensor."""
     rows, field = jnp.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]), jnp.array([0.4, -0.3, 1.2])
     with pytest.raises(ValueError, match="for each of three bodies, pass jax") as error:
-        torques.EddyCurrents(rows, field)
+        ml.spacecraft.EddyCurrents(rows, field)
     tensors = eval(str(error.value).split("pass ")[-1].rstrip("."), {"jax": jax, "jnp": jnp, "tensor": rows})
     body, start = ml.RigidBody([1.0, 1.5, 2.0]), jax.tree.map(lambda x: jnp.stack([x] * 3), STATE)
-    found = ml.ensemble("RK4", body, torques.EddyCurrents(tensors, field), start, dt=0.1, steps=1).states.momentum
+    found = ml.ensemble("RK4", body, ml.spacecraft.EddyCurrents(tensors, field), start, dt=0.1, steps=1).states.momentum
     for row, momentum in zip(rows, found, strict=True):
-        alone = ml.integrate("RK4", body, torques.EddyCurrents(row, field), STATE, dt=0.1, steps=1).states.momentum
+        alone = ml.integrate(
+            "RK4", body, ml.spacecraft.EddyCurrents(row, field), STATE, dt=0.1, steps=1
+        ).states.momentum
         np.testing.assert_allclose(momentum, alone[-1], rtol=1e-13)
 
 
@@ -373,26 +375,32 @@ WRONG = [
     (lambda: light("box", ONE), "surface must be a midlie_jax.Surface, got str"),
     (lambda: light(BOX, ONE)(0.0, ml.MomentumState(ONE)), "no direction"),
     (lambda: light(BOX, ONE)(0.0, ml.AxisState(ONE, ONE)), "needs the attitude"),
-    (lambda: torques.FreeMolecularDrag(BOX, -1.0, ONE), "density must be finite and not negative"),
-    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, wind=ONE), "give velocity or wind, not both"),
-    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, accommodation=1.1), "accommodation must be between 0 and 1"),
-    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, thermal_speed=0.0), "thermal_speed must be positive.*leave it"),
-    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, wall_speed=-1.0), "wall_speed must be finite and not neg"),
+    (lambda: ml.spacecraft.FreeMolecularDrag(BOX, -1.0, ONE), "density must be finite and not negative"),
+    (lambda: ml.spacecraft.FreeMolecularDrag(BOX, 1.0, ONE, wind=ONE), "give velocity or wind, not both"),
     (
-        lambda: torques.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
+        lambda: ml.spacecraft.FreeMolecularDrag(BOX, 1.0, ONE, accommodation=1.1),
+        "accommodation must be between 0 and 1",
+    ),
+    (
+        lambda: ml.spacecraft.FreeMolecularDrag(BOX, 1.0, ONE, thermal_speed=0.0),
+        "thermal_speed must be positive.*leave it",
+    ),
+    (lambda: ml.spacecraft.FreeMolecularDrag(BOX, 1.0, ONE, wall_speed=-1.0), "wall_speed must be finite and not neg"),
+    (
+        lambda: ml.spacecraft.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
         "acts on a body that translates",
     ),
     (
-        lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE),
+        lambda: ml.spacecraft.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE),
         READINGS,
     ),
     (
-        lambda: torques.EddyCurrents([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE),
+        lambda: ml.spacecraft.EddyCurrents([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE),
         READINGS,
     ),
-    (lambda: torques.EddyCurrents([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
-    (lambda: torques.EddyCurrents(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
-    (lambda: torques.EddyCurrents([1.0, 2.0], ONE), "tensor must be"),
+    (lambda: ml.spacecraft.EddyCurrents([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
+    (lambda: ml.spacecraft.EddyCurrents(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
+    (lambda: ml.spacecraft.EddyCurrents([1.0, 2.0], ONE), "tensor must be"),
 ]
 
 

@@ -142,7 +142,7 @@ def test_the_projected_area_of_an_ellipsoid_converges_with_its_facets():
         surface = ml.Surface.ellipsoid([a, b, c], facets)
 
         def at(d, surface=surface):
-            return observe.Brightness(surface, d, d, observe.LommelSeeliger())(0.0, STATE)
+            return ml.asteroids.Brightness(surface, d, d, ml.asteroids.LommelSeeliger())(0.0, STATE)
 
         errors.append(np.sqrt(np.mean((2 * np.asarray(jax.vmap(at)(jnp.asarray(directions))) / exact - 1) ** 2)))
     assert errors[0] < 0.02
@@ -158,9 +158,9 @@ def test_the_brightness_of_1280_facets_is_as_exact_as_the_page_says():
     surface = ml.Surface.ellipsoid(axes, 1280)
 
     def error(pair):
-        law = observe.LommelSeeliger()
-        exact = observe.EllipsoidBrightness(axes, pair[0], pair[1])(0.0, STILL)
-        return observe.Brightness(surface, pair[0], pair[1], law)(0.0, STILL) / exact - 1
+        law = ml.asteroids.LommelSeeliger()
+        exact = ml.asteroids.EllipsoidBrightness(axes, pair[0], pair[1])(0.0, STILL)
+        return ml.asteroids.Brightness(surface, pair[0], pair[1], law)(0.0, STILL) / exact - 1
 
     for degrees, root_mean_square, largest in zip(heads, *rows, strict=True):
         turns = np.stack([np.linalg.qr(generator.normal(size=(3, 3)))[0] for _ in range(60)])
@@ -177,10 +177,10 @@ def test_a_sphere_has_the_phase_functions_of_the_books(angle):
     """Lambert's, (sin a + (pi - a) cos a) / pi of 2 pi / 3; Lommel and Seeliger's of pi / 2."""
     sphere = ml.Surface.ellipsoid([1.0, 1.0, 1.0], 5120)
     sun, observer = [0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]
-    lambert = observe.Brightness(sphere, sun, observer, observe.Lambert(), albedo=0.5)(0.0, STATE)
-    grey = observe.Brightness(sphere, sun, observer, observe.LommelSeeliger())(0.0, STATE)
-    law = observe.LommelSeeliger(0.1)
-    mixed = observe.Brightness(sphere, sun, observer, law, phase=lambda a: jnp.exp(-a))(0.0, STATE)
+    lambert = ml.asteroids.Brightness(sphere, sun, observer, ml.asteroids.Lambert(), albedo=0.5)(0.0, STATE)
+    grey = ml.asteroids.Brightness(sphere, sun, observer, ml.asteroids.LommelSeeliger())(0.0, STATE)
+    law = ml.asteroids.LommelSeeliger(0.1)
+    mixed = ml.asteroids.Brightness(sphere, sun, observer, law, phase=lambda a: jnp.exp(-a))(0.0, STATE)
     exact = (np.sin(angle) + (np.pi - angle) * np.cos(angle)) / np.pi
     assert lambert == pytest.approx(0.5 * 2 * np.pi / 3 * exact, rel=3e-4)
     half = angle / 2
@@ -197,7 +197,7 @@ def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_fo
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
 
     def at(pair):
-        return observe.Brightness(surface, pair[0], pair[1], observe.LommelSeeliger())(0.0, STILL)
+        return ml.asteroids.Brightness(surface, pair[0], pair[1], ml.asteroids.LommelSeeliger())(0.0, STILL)
 
     found = np.asarray(jax.vmap(at)(jnp.asarray(directions)))
     sun, observer = np.moveaxis(directions / axes, 1, 0)
@@ -210,7 +210,7 @@ def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_fo
     exact = np.pi / 2 * axes.prod() * s0 * s1 / s * bracket
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3)
     assert np.ptp(exact) > 1
-    closed = [float(observe.EllipsoidBrightness(axes, *pair)(0.0, STILL)) for pair in directions]
+    closed = [float(ml.asteroids.EllipsoidBrightness(axes, *pair)(0.0, STILL)) for pair in directions]
     np.testing.assert_allclose(closed, exact, rtol=0, atol=1e-14 * exact.max())
 
 
@@ -225,7 +225,7 @@ def test_the_closed_form_holds_from_the_sun_and_opposite_to_it(dtype):
     @jax.jit
     def at(axes, angle):
         directions = (jnp.stack([jnp.cos(a), jnp.sin(a), 0 * a]) for a in (0 * angle, angle))
-        return observe.EllipsoidBrightness(axes, *directions)(0.0, still)
+        return ml.asteroids.EllipsoidBrightness(axes, *directions)(0.0, still)
 
     for angle in (0.0, 1e-6, 0.01, 1.0, 3.0, np.pi - 1e-3, np.pi):
         phase = 1.0 if angle == 0 else 1 + np.sin(angle / 2) * np.tan(angle / 2) * np.log(np.tan(angle / 4))
@@ -239,7 +239,7 @@ def test_the_closed_form_holds_from_the_sun_and_opposite_to_it(dtype):
             expected = [(at(axes + d, jnp.asarray(angle)) - at(axes - d, jnp.asarray(angle))) / 2e-6 for d in steps]
             np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8)
     with pytest.raises(ValueError, match="semi_axes must be positive"):
-        observe.EllipsoidBrightness([1.0, 2.0, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+        ml.asteroids.EllipsoidBrightness([1.0, 2.0, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0])
 
 
 @pytest.mark.sample(0)
@@ -247,19 +247,19 @@ def test_a_tumbling_ellipsoid_seen_in_a_run_is_seen_in_its_states():
     """The observable of an ensemble, magnitudes, moving directions, a `TensorBody` and float32."""
     surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
     sun = lambda t: jnp.stack([jnp.cos(0.1 * t), jnp.sin(0.1 * t), 0 * t]) * 4  # noqa: E731
-    seen = observe.Brightness(surface, sun, unit(1.0, 2.0, 2.0), observe.LommelSeeliger(0.1), magnitude=True)
+    seen = ml.asteroids.Brightness(surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1), magnitude=True)
     body = surface.body(1.0)
     run = {"dt": 0.1, "steps": 6, "save_every": 2}
     path = ml.integrate("JACOBI[EA]", body, None, STATE, **run)
     found = ml.integrate("JACOBI[EA]", body, None, STATE, **run, observe=seen).states
-    brightness = observe.Brightness(surface, sun, unit(1.0, 2.0, 2.0), observe.LommelSeeliger(0.1))
+    brightness = ml.asteroids.Brightness(surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1))
     exact = -2.5 * np.log10(
         [brightness(t, jax.tree.map(lambda x, i=i: x[i], path.states)) for i, t in enumerate(path.times)]
     )
     np.testing.assert_allclose(found, exact, rtol=1e-12)
     surface, state = jax.tree.map(lambda x: x.astype(jnp.float32), (surface, STATE))
-    single = observe.Brightness(surface, jnp.array([1, 0, 0], jnp.float32), jnp.array([0, 1, 0], jnp.float32),
-                                observe.LommelSeeliger(0.1))  # fmt: skip
+    single = ml.asteroids.Brightness(surface, jnp.array([1, 0, 0], jnp.float32), jnp.array([0, 1, 0], jnp.float32),
+                                ml.asteroids.LommelSeeliger(0.1))  # fmt: skip
     assert single(0.0, state).dtype == jnp.float32
 
 
@@ -269,7 +269,7 @@ def test_the_brightness_of_a_facet_in_the_dark_has_a_derivative():
 
     def seen(angle):
         towards = jnp.stack([jnp.cos(angle), jnp.zeros_like(angle), jnp.sin(angle)])
-        return observe.Brightness(panel, towards, towards, observe.LommelSeeliger(0.1))(0.0, STILL)
+        return ml.asteroids.Brightness(panel, towards, towards, ml.asteroids.LommelSeeliger(0.1))(0.0, STILL)
 
     value, slope = jax.vmap(jax.value_and_grad(seen))(jnp.array([-0.1, 0.0, 1e-3, 0.4]))
     sine, cosine = np.sin([1e-3, 0.4]), np.cos([1e-3, 0.4])
@@ -284,8 +284,8 @@ def test_brightness_has_derivatives_with_respect_to_shape_and_attitude():
     def magnitude(numbers):
         surface = ml.Surface.ellipsoid(numbers[:3], 80)
         state = ml.RigidState(jnp.zeros(3), so3.exp(numbers[3:]))
-        return observe.Brightness(
-            surface, unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3), observe.LommelSeeliger(0.1), magnitude=True
+        return ml.asteroids.Brightness(
+            surface, unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3), ml.asteroids.LommelSeeliger(0.1), magnitude=True
         )(0.0, state)
 
     numbers = jnp.array([3.0, 2.0, 1.0, 0.3, -0.2, 0.4])
@@ -303,13 +303,15 @@ def test_brightness_has_derivatives_with_respect_to_law_and_albedo():
     directions = unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3)
 
     def own(c):
-        return observe.Brightness(surface, *directions, lambda mu, mu0: mu * mu0 * (1 / (mu + mu0) + c))(0.0, STATE)
+        return ml.asteroids.Brightness(surface, *directions, lambda mu, mu0: mu * mu0 * (1 / (mu + mu0) + c))(
+            0.0, STATE
+        )
 
     def mixed(c):
-        return observe.Brightness(surface, *directions, observe.LommelSeeliger(c))(0.0, STATE)
+        return ml.asteroids.Brightness(surface, *directions, ml.asteroids.LommelSeeliger(c))(0.0, STATE)
 
     def painted(albedo):
-        return observe.Brightness(surface, *directions, observe.Lambert(), albedo=albedo)(0.0, STATE)
+        return ml.asteroids.Brightness(surface, *directions, ml.asteroids.Lambert(), albedo=albedo)(0.0, STATE)
 
     lambert = painted(jnp.ones(80))
     c = jnp.asarray(0.1)
@@ -345,7 +347,7 @@ WRONG = [
     (lambda: ml.Surface(*TETRAHEDRON).body(1.0), "origin must be the centre of mass.*surface.centred"),
     (lambda: ml.Surface.box([1.0, 1, 1]).body(0.0), "density must be positive"),
     (
-        lambda: observe.Brightness(VERTICES, [1.0, 0, 0], [1.0, 0, 0], observe.Lambert()),
+        lambda: ml.asteroids.Brightness(VERTICES, [1.0, 0, 0], [1.0, 0, 0], ml.asteroids.Lambert()),
         "surface must be a midlie_jax.S",
     ),
 ]
@@ -354,21 +356,30 @@ X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
 NOTHING, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
 PAIR = ml.CoupledState(NOTHING, UPRIGHT, NOTHING, NOTHING)
 WRONG += [
-    (lambda: observe.Brightness(BOX, 2 * Z, Z, observe.Lambert()), "sun must be a unit vector"),
-    (lambda: observe.Brightness(BOX, Z, 2 * Z, observe.Lambert()), "observer must be a unit vector"),
-    (lambda: observe.Brightness(BOX, Z, Z, observe.Lambert), "law must be a law and not its class: write Lambert"),
-    (lambda: observe.Brightness(BOX, Z, Z, "lambert"), "law must be a function of .mu, mu0."),
-    (lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=-1.0), "albedo must be finite and not neg"),
+    (lambda: ml.asteroids.Brightness(BOX, 2 * Z, Z, ml.asteroids.Lambert()), "sun must be a unit vector"),
+    (lambda: ml.asteroids.Brightness(BOX, Z, 2 * Z, ml.asteroids.Lambert()), "observer must be a unit vector"),
     (
-        lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=[1.0, 1])(0.0, STATE),
+        lambda: ml.asteroids.Brightness(BOX, Z, Z, ml.asteroids.Lambert),
+        "law must be a law and not its class: write Lambert",
+    ),
+    (lambda: ml.asteroids.Brightness(BOX, Z, Z, "lambert"), "law must be a function of .mu, mu0."),
+    (
+        lambda: ml.asteroids.Brightness(BOX, Z, Z, ml.asteroids.Lambert(), albedo=-1.0),
+        "albedo must be finite and not neg",
+    ),
+    (
+        lambda: ml.asteroids.Brightness(BOX, Z, Z, ml.asteroids.Lambert(), albedo=[1.0, 1])(0.0, STATE),
         "albedo must be .. or .6,.",
     ),
     (
-        lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, PAIR),
+        lambda: ml.asteroids.Brightness(BOX, Z, X, ml.asteroids.Lambert())(0.0, PAIR),
         r"Brightness must have the state of one.*of_body\(i",
     ),
-    (lambda: observe.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
-    (lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, ml.MomentumState([1.0, 0, 0])), "no direction"),
+    (lambda: ml.asteroids.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
+    (
+        lambda: ml.asteroids.Brightness(BOX, Z, X, ml.asteroids.Lambert())(0.0, ml.MomentumState([1.0, 0, 0])),
+        "no direction",
+    ),
 ]
 
 
@@ -380,7 +391,7 @@ def test_what_is_wrong_is_named_with_its_cure(wrong, message):
 
 def test_the_brightness_of_each_body_of_a_pair():
     """As the message about a pair says."""
-    light = observe.Brightness(BOX, Z, Z, observe.Lambert())
+    light = ml.asteroids.Brightness(BOX, Z, Z, ml.asteroids.Lambert())
     found = light(0.0, PAIR.of_body(1))
     assert found == light(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax._checks.arguments import same_dtype
-from midlie_jax.methods.splitting import Splitting
-from midlie_jax.methods.system import System
+from midlie_jax.integrators.splitting import Splitting
+from midlie_jax.integrators.system import System
 from midlie_jax.model import orbits, so3, torques
 
 MOMENTUM, ATTITUDE = jnp.array([1.0, 0.8, -1.3]), jnp.asarray(turn(0.5, -0.3, 0.8))
@@ -25,8 +25,8 @@ FIELDS = {
     "top": torques.HeavyTop(2.0),
     "generic top": torques.HeavyTop(-1.5, (0.48, -0.6, 0.64)),
     "dipole": torques.DipoleInField(jnp.array([0.3, -0.5, 0.4]), jnp.array([0.0, 0.0, 1.6])),
-    "gradient": torques.GravityGradient(BODY.moments, orbits.CircularOrbit(PLACE, ALONG, MU), MU),
-    "gradient on an ellipse": torques.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, ALONG, MU), MU),
+    "gradient": ml.spacecraft.GravityGradient(BODY.moments, orbits.CircularOrbit(PLACE, ALONG, MU), MU),
+    "gradient on an ellipse": ml.spacecraft.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, ALONG, MU), MU),
 }
 FIELDS["sum"] = FIELDS["generic top"] + FIELDS["dipole"]
 FIELDS["sum of three"] = FIELDS["sum"] + FIELDS["gradient"]
@@ -45,8 +45,8 @@ def test_torque_is_minus_the_slope_of_the_potential(name):
     slack = 16 * epsilon("float64") * float(jnp.max(jnp.abs(torque)))
     np.testing.assert_allclose(torque, -jax.grad(turned)(jnp.zeros(3)), atol=slack)
     np.testing.assert_allclose(torque, torques.FromPotential(field.potential)(t, STATE), atol=slack)
-    total = ml.kinetic_energy(BODY, STATE) + turned(jnp.zeros(3))
-    assert ml.energy(BODY, field, STATE, t) == pytest.approx(float(total), rel=1e-15)
+    total = ml.observe.kinetic_energy(BODY, STATE) + turned(jnp.zeros(3))
+    assert ml.observe.energy(BODY, field, STATE, t) == pytest.approx(float(total), rel=1e-15)
 
 
 @pytest.mark.parametrize("name", ["top", "generic top", "dipole", "sum"])
@@ -207,7 +207,7 @@ def test_orbits_agree_and_keep_the_dtype(dtype):
 @pytest.mark.sample(0)
 def test_an_orbit_into_the_centre_is_a_flag():
     def ok(velocity):
-        torque = torques.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, velocity, MU), MU)
+        torque = ml.spacecraft.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, velocity, MU), MU)
         return ml.integrate("LIEMID[E2]", BODY, torque, STATE, dt=0.1, steps=2).ok
 
     assert jax.jit(ok)(10 * ALONG)  # a hyperbola
@@ -219,7 +219,7 @@ TURNING = ml.RigidBody(np.asarray([1.0, 2.0, 2.5], np.float32))
 TRAVELLING = ml.FreeBody(TURNING, 2.0)
 TURNED, TRAVELS = ml.RigidState(HERE, UP), ml.FreeState(HERE, UP, HERE, THERE)
 TWO = ml.CoupledState(*(np.stack(pair) for pair in ((HERE, HERE), (UP, UP), (HERE, HERE), (HERE, THERE))))
-SPINS = ml.SpinState(np.eye(3, dtype=np.float32))
+SPINS = ml.spins.SpinState(np.eye(3, dtype=np.float32))
 TETRAHEDRON = ml.Surface(
     np.asarray([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float32),
     [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]],
@@ -227,30 +227,30 @@ TETRAHEDRON = ml.Surface(
 OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain form, are float32
     "HeavyTop": (torques.HeavyTop(2.0), TURNING, TURNED),
     "Damping": (torques.Damping(0.5), TURNING, TURNED),
-    "PDControl": (torques.PDControl(UP, 2.0, 0.5), TURNING, TURNED),
-    "EddyCurrents": (torques.EddyCurrents(0.5, HERE), TURNING, TURNED),
-    "GravityGradient": (torques.GravityGradient(None, lambda t: THERE + 0 * t, 3.0), TURNING, TURNED),
+    "PDControl": (ml.spacecraft.PDControl(UP, 2.0, 0.5), TURNING, TURNED),
+    "EddyCurrents": (ml.spacecraft.EddyCurrents(0.5, HERE), TURNING, TURNED),
+    "GravityGradient": (ml.spacecraft.GravityGradient(None, lambda t: THERE + 0 * t, 3.0), TURNING, TURNED),
     "Langevin": (torques.Langevin(1.0, 0.5, jax.random.key(0)), TURNING, TURNED),
     "PointMass": (torques.PointMass(3.0), TRAVELLING, TRAVELS),
     "Oblateness": (torques.Oblateness(3.0, 2.0, 0.1), TRAVELLING, TRAVELS),
     "Oblateness without gradient": (torques.Oblateness(3.0, 2.0, 0.1, gradient=False), TRAVELLING, TRAVELS),
     "Magnus": (torques.Magnus(0.1), TRAVELLING, TRAVELS),
     "Drag": (torques.Drag(HERE, 2.0, 0.1), TRAVELLING, TRAVELS),
-    "FreeMolecularDrag": (torques.FreeMolecularDrag(TETRAHEDRON, 0.1), TRAVELLING, TRAVELS),
+    "FreeMolecularDrag": (ml.spacecraft.FreeMolecularDrag(TETRAHEDRON, 0.1), TRAVELLING, TRAVELS),
     "Held": (torques.Held(HERE[None], 0.1), TURNING, TURNED),
     "Pulses": (torques.Pulses(HERE, 0.1, HERE), TURNING, TURNED),
-    "Sunlight": (torques.Sunlight(TETRAHEDRON, UP[:3], 1.0), TURNING, TURNED),
-    "MutualGravity": (torques.MutualGravity(1.0), TRAVELLING, TWO),
-    "Rod": (torques.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),
-    "Exchange": (torques.Exchange(1.0), ml.Spins(), SPINS),
-    "Anisotropy": (torques.Anisotropy(0.3), ml.Spins(), SPINS),
-    "Anisotropy about an axis": (torques.Anisotropy(0.3, [0, 0.6, 0.8]), ml.Spins(), SPINS),
-    "CubicAnisotropy": (torques.CubicAnisotropy(0.2), ml.Spins(), SPINS),
-    "ThermalField": (torques.ThermalField(0.2, jax.random.key(0)), ml.Spins(0.1), SPINS),
+    "Sunlight": (ml.asteroids.Sunlight(TETRAHEDRON, UP[:3], 1.0), TURNING, TURNED),
+    "MutualGravity": (ml.asteroids.MutualGravity(1.0), TRAVELLING, TWO),
+    "Rod": (ml.molecules.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),
+    "Exchange": (ml.spins.Exchange(1.0), ml.spins.Spins(), SPINS),
+    "Anisotropy": (ml.spins.Anisotropy(0.3), ml.spins.Spins(), SPINS),
+    "Anisotropy about an axis": (ml.spins.Anisotropy(0.3, [0, 0.6, 0.8]), ml.spins.Spins(), SPINS),
+    "CubicAnisotropy": (ml.spins.CubicAnisotropy(0.2), ml.spins.Spins(), SPINS),
+    "ThermalField": (ml.spins.ThermalField(0.2, jax.random.key(0)), ml.spins.Spins(0.1), SPINS),
 }
 WITHOUT_NUMBERS = {  # made of functions, of torques or of vectors alone, and base classes
     *("BodyTorque", "FromPotential", "Prescribed", "ReactionWheels", "VelocityDependent", "OnEach", "Sum"),
-    *("AppliedField", "DipoleInField", "DzyaloshinskiiMoriya", "Rotors", "Thrust", "UniformGravity"),
+    *("AppliedField", "DipoleInField", "DzyaloshinskiiMoriya", "MomentumWheels", "Thrust", "UniformGravity"),
     *("Torque", "SpinField", "OwnField"),
 }
 

@@ -29,7 +29,7 @@ from travel_cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.splitting import Splitting
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
 BY_TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW)]
@@ -87,7 +87,7 @@ def test_a_point_mass_keeps_the_total_momentum(kind, name, dtype):
     torque, state = ml.torques.PointMass(jnp.asarray(3.0, dtype)), start(kind, dtype)
     state = state.made(state.turning, state.linear, jnp.asarray([3.0, 1, -2], dtype))
     path = quick(lambda s: integrate(kind, name, s, jnp.asarray(1 / 32, dtype), torque=torque))(state)
-    total = np.asarray(ml.spatial_momentum(path.states), np.float64)
+    total = np.asarray(ml.observe.spatial_momentum(path.states), np.float64)
     limit = roundings(name) * epsilon(dtype) if isinstance(ml.method(name), Splitting) else 1e-3
     assert path.ok
     assert np.abs(total - total[0]).max() <= 4 * limit * np.linalg.norm(total[0])
@@ -145,14 +145,16 @@ def test_an_axis_moves_as_that_of_a_rigid_body(name):
     rigid, axis = start("free").turning, start("axis")
     body = ml.RigidBody(jnp.array([2.0, 2.0, 0.9]))
     of_rigid = quick(lambda s: ml.integrate(name, body, top, s, dt=dt, steps=STEPS, save_every=1))(rigid)
-    of_axis = quick(lambda s: ml.integrate(name, ml.Rotor(2.0), top, s, dt=dt, steps=STEPS, save_every=1))(axis)
+    of_axis = quick(lambda s: ml.integrate(name, ml.SymmetricRotor(2.0), top, s, dt=dt, steps=STEPS, save_every=1))(
+        axis
+    )
     assert gap(of_axis.states, ml.AxisState.of(of_rigid.states)) < 4 * roundings(name) * epsilon("float64")
 
 
 DRIVEN = (
     ml.torques.Damping([0.3, 0.3, 0.1])
-    + ml.torques.Rotors([0.0, 0.0, 0.8])
-    + ml.torques.ReactionWheels(lambda t: jnp.stack([0 * t, 0 * t, jnp.sin(t)]))
+    + ml.spacecraft.MomentumWheels([0.0, 0.0, 0.8])
+    + ml.spacecraft.ReactionWheels(lambda t: jnp.stack([0 * t, 0 * t, jnp.sin(t)]))
 )
 
 
@@ -162,7 +164,7 @@ def test_torques_of_the_spin_act_on_an_axis_as_on_a_rigid_body(name):
     """They read the whole angular velocity, or hold vectors of the body: on an axis both must be put into space."""
     (rigid, body), (axis, rotor) = (
         (start("free").turning, ml.RigidBody(jnp.array([2.0, 2.0, 0.9]))),
-        (start("axis"), ml.Rotor(jnp.asarray(2.0), jnp.asarray(0.9))),
+        (start("axis"), ml.SymmetricRotor(jnp.asarray(2.0), jnp.asarray(0.9))),
     )
     of_rigid, of_axis = (
         quick(lambda s, b=b: ml.integrate(name, b, DRIVEN, s, dt=jnp.asarray(1 / 32), steps=STEPS, save_every=1))(s)
@@ -175,19 +177,22 @@ def test_torques_of_the_spin_act_on_an_axis_as_on_a_rigid_body(name):
     ("torque", "message"),
     [
         (ml.torques.Damping([0.3, 0.2, 0.1]), "coefficient is .* the first two must be equal"),
-        (ml.torques.Damping(0.3), r"write Rotor\(moment, along\)"),
-        (ml.torques.Rotors([0.1, 0.0, 1.0]), "holds only the third axis of the body"),
+        (ml.torques.Damping(0.3), r"write SymmetricRotor\(moment, along\)"),
+        (ml.spacecraft.MomentumWheels([0.1, 0.0, 1.0]), "holds only the third axis of the body"),
     ],
 )
 def test_what_an_axis_cannot_know_is_refused(torque, message):
-    for state, body in ((start("axis"), ml.Rotor(2.0)), (start("free axis"), ml.FreeBody(ml.Rotor(2.0), MASS))):
+    for state, body in (
+        (start("axis"), ml.SymmetricRotor(2.0)),
+        (start("free axis"), ml.FreeBody(ml.SymmetricRotor(2.0), MASS)),
+    ):
         with pytest.raises(ValueError, match=message):
             ml.integrate("SYMMETRIC[EA]", body, torque, state, dt=0.1, steps=2)
 
 
 def test_wheels_across_an_axis_make_a_run_fail():
-    wheels = ml.torques.ReactionWheels(lambda t: jnp.stack([t, 0 * t, 0 * t]))
-    assert not ml.integrate("SYMMETRIC[EA]", ml.Rotor(2.0), wheels, start("axis"), dt=0.1, steps=2).ok
+    wheels = ml.spacecraft.ReactionWheels(lambda t: jnp.stack([t, 0 * t, 0 * t]))
+    assert not ml.integrate("SYMMETRIC[EA]", ml.SymmetricRotor(2.0), wheels, start("axis"), dt=0.1, steps=2).ok
 
 
 SYMPLECTIC = [name for name in moved_by("free") if isinstance(ml.method(name), Splitting)]
@@ -229,7 +234,7 @@ def test_energy_wavers_as_the_order_says(kind, name):
         pytest.skip("for splittings of order 2 and more")
     found, torque = paths(kind, name, "float64"), ml.torques.FromPotential(partial(potential, 2.0))
     body = KINDS[kind].body("float64")
-    energies = [np.asarray(ml.energy(body, torque, at(found.states, k))) for k in (0, 1)]
+    energies = [np.asarray(ml.observe.energy(body, torque, at(found.states, k))) for k in (0, 1)]
     coarse, fine = (np.abs(e[: 32 << k] - e[0]).max() for k, e in enumerate(energies))
     assert coarse / fine > 2 ** (method.order - 0.7) or fine < 1e-12
 

@@ -140,8 +140,8 @@ def test_the_pendulum_swings_between_the_heights_that_its_energy_allows():
         path_of("spherical-pendulum", "SYMMETRIC[SRKN6b]", 2000, 2000),
     )
     axis, momentum = np.asarray(path.states.axis), np.asarray(path.states.momentum)
-    start, weight = scene.start, float(scene.torque.weight)
-    energy, vertical = float(ml.energy(scene.body, scene.torque, start)), float(start.momentum[2])
+    start, weight = scene.start, float(scene.torque.mgl)
+    energy, vertical = float(ml.observe.energy(scene.body, scene.torque, start)), float(start.momentum[2])
     # 2 (E - w z)(1 - z^2) = pi_z^2, for a moment of 1
     roots = np.sort(np.roots([2 * weight, -2 * energy, -2 * weight, 2 * energy - vertical**2]).real)
     assert axis[:, 2].min() == pytest.approx(roots[0], abs=1e-4)  # between two states
@@ -160,7 +160,7 @@ def test_the_boomerang_turns_left_loses_energy_and_comes_back():
     assert place[1:, 1].min() > 0
     assert place[:, 2].min() > 0
     fall = ml.torques.UniformGravity(jnp.array([0.0, 0.0, -9.81]))
-    energies = np.asarray(ml.energy(scene.body, fall, path))
+    energies = np.asarray(ml.observe.energy(scene.body, fall, path))
     assert energies[-1] < 0.6 * energies[0]
 
 
@@ -242,7 +242,7 @@ def test_a_file_gives_back_the_body_that_travels(run):
 def test_a_file_gives_back_the_axis(run):
     _, file = run("spherical-pendulum")
     saved = saved_path(file)
-    assert isinstance(saved.body, ml.Rotor)
+    assert isinstance(saved.body, ml.SymmetricRotor)
     assert isinstance(saved.path.states, ml.AxisState)
     _, out, _ = midlie("export", file)
     assert out.splitlines()[0] == "time,axis_x,axis_y,axis_z"
@@ -297,14 +297,17 @@ def test_a_flight_has_its_path_on_the_chart():
     ("arguments", "words"),
     [
         *(
-            (["run", "spherical-pendulum", "--method", method], [f"method {method!r} moves RigidBody", "body is Rotor"])
+            (
+                ["run", "spherical-pendulum", "--method", method],
+                [f"method {method!r} moves RigidBody", "body is SymmetricRotor"],
+            )
             for method in ("JACOBI[EA]", "AKW", "SW", "NMB", "PGBS12")
         ),
         (["run", "boomerang", "--method", "AKW"], ["'AKW' moves RigidBody", "FreeBody"]),
         (["run", "thrown-brick", "--method", "SYMMETRIC[EA]"], ["needs bodies with two equal moments"]),
-        (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not support a Rotor"]),
+        (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not support a SymmetricRotor"]),
         (["stability", "boomerang"], ["needs a rigid body without translation", "'boomerang' is a FreeBody"]),
-        (["stability", "spherical-pendulum"], ["'spherical-pendulum' is a Rotor"]),
+        (["stability", "spherical-pendulum"], ["'spherical-pendulum' is a SymmetricRotor"]),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(arguments, words):

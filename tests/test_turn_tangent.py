@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 import midlie_jax as ml
 from midlie_jax._math import components as cp
 from midlie_jax._math.weierstrass import moment_functions, sigma_functions
-from midlie_jax.methods import flights
-from midlie_jax.methods.flights import jacobi
-from midlie_jax.methods.flights.exact import ExactFlight, Known
-from midlie_jax.methods.flights.jacobi_momentum import lag
+from midlie_jax.integrators import flights
+from midlie_jax.integrators.flights import jacobi
+from midlie_jax.integrators.flights.exact import ExactFlight, Known
+from midlie_jax.integrators.flights.jacobi_momentum import lag
 from midlie_jax.model.states.rigid import Rotation
 
 # Any body, symmetric ones about each axis, a ball, a flat and a slender one, and the separatrix.

@@ -74,7 +74,10 @@ def results(case: Case, u: Units) -> list[np.ndarray] | str | None:
     return [np.asarray(x, np.float64) for x in jax.tree.leaves(found)]
 
 
-EAGER = {FUNCTIONS[name].call for name in ("TensorBody", "Surface", "from_points", "free_motion", "tumbling", "Rotor")}
+EAGER = {
+    FUNCTIONS[name].call
+    for name in ("TensorBody", "Surface", "from_points", "free_motion", "tumbling", "SymmetricRotor")
+}
 _COMPILED: dict[Any, Any] = {}
 
 
@@ -162,7 +165,7 @@ def test_every_public_name_is_under_the_law_or_has_no_units():
 OBSERVED = {"Axis", "Function", "Observable", "Together"}
 # Functions that run others, or take numbers without units: names, keys, points of no dimension.
 RUNS = {
-    *("check", "ensemble", "fit", "integrate", "integrate_adaptive", "method", "methods", "recommend", "scatter"),
+    *("check", "ensemble", "fit", "integrate", "integrate_variable_step", "method", "methods", "recommend", "scatter"),
     *("simulate", "stepper", "checkerboard", "flights", "schemes"),
 }
 
@@ -218,7 +221,7 @@ def test_orbits_about_the_sun_in_si_units_and_float32():
     "made",
     [
         lambda x: ml.RigidBody(x * np.ones(3, np.float32)),
-        ml.Rotor,
+        ml.SymmetricRotor,
         lambda x: ml.TensorBody(x * np.eye(3, dtype=np.float32)),
     ],
 )
@@ -226,7 +229,7 @@ def test_moments_beyond_float32_name_the_cure(made, moment):
     """Those of a nanoparticle and of the Earth, in kg m^2."""
     with pytest.raises(ValueError, match=r"must be between 5e-31 and 2e\+30 in float32.*jax_enable_x64"):
         made(np.float32(moment))
-    assert made(float(moment)) if made is ml.Rotor else ml.RigidBody(moment * np.ones(3))
+    assert made(float(moment)) if made is ml.SymmetricRotor else ml.RigidBody(moment * np.ones(3))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -236,10 +239,10 @@ def test_bodies_of_known_numbers_are_made_within_a_program(dtype):
     made = {
         "rigid": lambda: ml.RigidBody(moments),
         "tensor": lambda: ml.TensorBody(jnp.diag(moments)),
-        "rotor": lambda: ml.Rotor(one, one),
+        "rotor": lambda: ml.SymmetricRotor(one, one),
         "free": lambda: ml.FreeBody(ml.RigidBody(moments), one),
         "particles": lambda: ml.Particles(one),
-        "points": lambda: ml.from_points(moments, jnp.eye(3, dtype=dtype)),
+        "points": lambda: ml.molecules.from_points(moments, jnp.eye(3, dtype=dtype)),
     }
     for make in made.values():
         jax.eval_shape(make)
@@ -272,7 +275,7 @@ FROZEN = {
     "integrate backwards": lambda path: late(ml.integrate, dt=-0.1, t0=-LATE),
     "ensemble": lambda path: late(ml.ensemble, TWO, t0=jnp.array([0.0, LATE], jnp.float32)),
     "simulate": lambda path: late(ml.simulate, TWO, out=path / "run.npz"),
-    "integrate_adaptive": lambda path: late(ml.integrate_adaptive, density=lambda t, state: 1 + 0 * t),
+    "integrate_variable_step": lambda path: late(ml.integrate_variable_step, density=lambda t, state: 1 + 0 * t),
     "check": lambda path: late(ml.check),
     "recommend": lambda path: ml.recommend(
         rigid(SINGLE), None, turning(SINGLE), tolerance=1e-2, duration=10.0, t0=LATE

@@ -160,7 +160,7 @@ def test_a_view_shows_the_path_and_loads_nothing(page, path):
     def points(trace):
         return np.array([trace[axis] for axis in "xyz"], float).T
 
-    momenta = np.asarray(ml.spatial_momentum(path.states))
+    momenta = np.asarray(ml.observe.spatial_momentum(path.states))
     np.testing.assert_allclose(points(traces["path of e3"]), matrices(path)[:, :, 2], atol=1e-5)
     np.testing.assert_allclose(
         points(traces["path of the angular momentum"]), momenta / np.linalg.norm(momenta[0]), atol=1e-5

@@ -19,8 +19,8 @@ from laboratory.rivals.lie_group import CF4, RKMK4
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
 from midlie_jax.cli import convergence, scenes
-from midlie_jax.methods.runge_kutta import DOP853, RK4
-from midlie_jax.methods.system import Motion, System
+from midlie_jax.integrators.runge_kutta import DOP853, RK4
+from midlie_jax.integrators.system import Motion, System
 from midlie_jax.model.free_body import Momenta
 
 
@@ -52,7 +52,7 @@ def test_order_on_the_asymmetric_top(method, count):
 def test_the_lie_group_rivals_keep_the_spatial_momentum_of_a_free_body(method):
     scene = scenes.scene("free-asymmetric", "float64")
     path = ml.integrate(method, scene.body, None, scene.start, dt=0.1, steps=100, save_every=50)
-    momentum = np.asarray(ml.spatial_momentum(path.states))
+    momentum = np.asarray(ml.observe.spatial_momentum(path.states))
     assert np.all(path.ok)
     assert np.max(np.abs(momentum - momentum[0])) < 1e-14
 
@@ -147,7 +147,7 @@ def test_the_exact_end_does_not_depend_on_the_numbers_of_axes():
         ends.append(convergence.find_reference(scene, 1))
         np.testing.assert_allclose(ends[-1].momentum, ends[-2].momentum[[1, 2, 0]], rtol=0, atol=1e-13)
         np.testing.assert_allclose(ends[-1].attitude, ends[-2].attitude @ turn, rtol=0, atol=1e-13)
-    flipped = ml.torques.HeavyTop(-scene.torque.weight, tuple(-x for x in scene.torque.axis))
+    flipped = ml.torques.HeavyTop(-scene.torque.mgl, tuple(-x for x in scene.torque.axis))
     again = convergence.find_reference(replace(scene, torque=flipped), 1)
     np.testing.assert_allclose(again.attitude, ends[-1].attitude, rtol=0, atol=1e-13)
 

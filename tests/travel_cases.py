@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
+from midlie_jax.integrators import schemes
 
 STEPS, LEVELS = 128, 4
 MASS, ATTITUDE, LINEAR, POSITION = 3.0, turn(0.5, -0.3, 0.8), (1.5, -0.6, 0.9), (0.8, 0.5, -0.4)
@@ -51,7 +51,7 @@ def _symmetric(dtype):
 
 
 def _rotor(dtype):
-    return ml.Rotor(jnp.asarray(2.0, dtype), jnp.asarray(0.9, dtype))
+    return ml.SymmetricRotor(jnp.asarray(2.0, dtype), jnp.asarray(0.9, dtype))
 
 
 SYMMETRIC = np.diag([2.0, 2.0, 0.9])

@@ -14,8 +14,8 @@ class Slow(ml.flights.Jacobi):
     name: ClassVar[str] = "SLOW"
 
 
-flights = ml.flights()
-schemes = ml.schemes()
+flights = ml.flights.names()
+schemes = ml.schemes.names()
 names: list[str] = [*flights, *schemes]
 uses: dict[str, str] = flights.uses | schemes.uses
 fastest: ml.flights.Flight = ml.flights.Jacobi()
@@ -43,17 +43,17 @@ def states_of_runs(
     assert_type(ml.ensemble("JACOBI[EA]", body, None, direction, dt=0.1, steps=2), ml.Path[ml.DirectionState])
     assert_type(ml.free_motion(body, momentum, [0.0, 1.0]), ml.Path[ml.MomentumState])
     assert_type(ml.fitting.states_at("JACOBI[EA]", body, None, rigid, [0.0], dt=0.1).states, ml.RigidState)
-    adaptive = ml.integrate_adaptive("JACOBI[EA]", body, None, rigid, density=_density, dt=0.1, steps=2)
-    assert_type(adaptive, ml.AdaptivePath[ml.RigidState])
+    adaptive = ml.integrate_variable_step("JACOBI[EA]", body, None, rigid, density=_density, dt=0.1, steps=2)
+    assert_type(adaptive, ml.VariableStepPath[ml.RigidState])
     run = ml.simulate("JACOBI[EA]", body, None, compensated, out=Path("run.npz"), dt=0.1, steps=2)
     assert_type(run.states(), ml.CompensatedState)
 
 
 def what_is_observed(body: ml.RigidBody, start: ml.RigidState) -> None:
     """It can be anything, and takes the place of the states."""
-    path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.1, steps=2, observe=ml.observe.AngularVelocity())
+    path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.1, steps=2, observe=ml.observe.angular_velocity)
     assert_type(path, ml.Path[Any])
-    together = {"energy": ml.observe.Energy(), "spin": _spin}
+    together = {"energy": ml.observe.energy, "spin": _spin}
     assert_type(ml.ensemble("JACOBI[EA]", body, None, start, dt=0.1, steps=2, observe=together), ml.Path[Any])
 
 
@@ -61,8 +61,8 @@ def what_takes_paths(axes: Any, body: ml.RigidBody, turning: ml.Path[ml.Compensa
     """A path of a subclass is a path of the class."""
     ml.plot.axis_path(axes, turning)
     ml.plot.view(body, {"one": turning})
-    ml.energy(body, None, turning)
-    ml.spatial_momentum(turning.states)
+    ml.observe.energy(body, None, turning)
+    ml.observe.spatial_momentum(turning.states)
     crossings = ml.plot.poincare(axes, turning, lambda t, s: s.momentum[0], _spin, _spin)
     assert_type(crossings.states, ml.CompensatedState)
 
@@ -79,6 +79,6 @@ def what_is_refused(axes: Any, body: ml.RigidBody, spinning: ml.Path[ml.Momentum
     """Where a state has no attitude; strict pyright says so if one of these is not an error."""
     ml.plot.axis_path(axes, spinning)  # pyright: ignore[reportArgumentType]
     ml.plot.view(body, spinning)  # pyright: ignore[reportArgumentType]
-    ml.spatial_momentum(spinning.states)  # pyright: ignore[reportArgumentType]
+    ml.observe.spatial_momentum(spinning.states)  # pyright: ignore[reportArgumentType]
     ml.plot.poincare(axes, spinning, _spin, _spin, _spin)  # pyright: ignore[reportArgumentType]
     ml.plot.polhode(axes, ml.Particles(1.0), spinning)  # pyright: ignore[reportArgumentType]

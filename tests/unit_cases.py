@@ -83,7 +83,7 @@ def pair(u: Units) -> Any:
 
 
 def chain(u: Units) -> Any:
-    return ml.Spins(), ml.SpinState(u([[0.0, 0.6, 0.8], [0.0, -0.8, 0.6], [1.0, 0.0, 0.0]]))
+    return ml.spins.Spins(), ml.spins.SpinState(u([[0.0, 0.6, 0.8], [0.0, -0.8, 0.6], [1.0, 0.0, 0.0]]))
 
 
 def surface(u: Units) -> Any:
@@ -127,7 +127,7 @@ def moving(u: Units) -> Any:
     return free(u), travelling(u)
 
 
-LOAD = ml.Wrench(jnp.zeros(3), jnp.zeros(3))  # for its structure
+LOAD = ml.torques.Wrench(jnp.zeros(3), jnp.zeros(3))  # for its structure
 WRENCH = "wrench"
 TORQUE = ENERGY
 FIELD = ENERGY  # of spins, which have no dimension here
@@ -135,21 +135,25 @@ FIELD = ENERGY  # of spins, which have no dimension here
 TORQUES = {
     "HeavyTop": on(lambda u: torques.HeavyTop(u(2.0, TORQUE), (0.48, -0.6, 0.64)), alone, TORQUE),
     "DipoleInField": on(lambda u: torques.DipoleInField(u(VECTOR, TORQUE), u(OTHER)), alone, TORQUE),
-    "GravityGradient": on(lambda u: torques.GravityGradient(None, round_orbit(u), u(20.0, MU)), alone, TORQUE),
+    "GravityGradient": on(lambda u: ml.spacecraft.GravityGradient(None, round_orbit(u), u(20.0, MU)), alone, TORQUE),
     "GravityGradient on an ellipse": on(
-        lambda u: torques.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU)), alone, TORQUE
+        lambda u: ml.spacecraft.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU)), alone, TORQUE
     ),
-    "GravityGradient on a table": on(lambda u: torques.GravityGradient(None, table(u), u(6.0, MU)), alone, TORQUE),
-    "EddyCurrents": on(lambda u: torques.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR)), alone, TORQUE),
+    "GravityGradient on a table": on(
+        lambda u: ml.spacecraft.GravityGradient(None, table(u), u(6.0, MU)), alone, TORQUE
+    ),
+    "EddyCurrents": on(lambda u: ml.spacecraft.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR)), alone, TORQUE),
     "Held": on(
         lambda u: torques.Held(u([VECTOR, (0.4, 0.1, -0.7)], TORQUE), u(8.0, TIME), u(-8.0, TIME)), alone, TORQUE
     ),
     "Pulses": on(lambda u: torques.Pulses(u([-4.0], TIME), u(8.0, TIME), u(VECTOR, TORQUE)), alone, TORQUE),
     "Damping": on(lambda u: torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
-    "PDControl": on(lambda u: torques.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION)), alone, TORQUE),
-    "Rotors": on(lambda u: torques.Rotors(u(VECTOR, MOMENTUM)), alone, TORQUE),
+    "PDControl": on(
+        lambda u: ml.spacecraft.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION)), alone, TORQUE
+    ),
+    "MomentumWheels": on(lambda u: ml.spacecraft.MomentumWheels(u(VECTOR, MOMENTUM)), alone, TORQUE),
     "ReactionWheels": on(
-        lambda u: torques.ReactionWheels(jax.tree_util.Partial(_wheels, u(VECTOR, MOMENTUM), u(2.0, TIME))),
+        lambda u: ml.spacecraft.ReactionWheels(jax.tree_util.Partial(_wheels, u(VECTOR, MOMENTUM), u(2.0, TIME))),
         alone,
         TORQUE,
     ),
@@ -158,15 +162,15 @@ TORQUES = {
     ),
     "Drag of a free body": on(lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY)), moving, WRENCH),
     "Sunlight": on(
-        lambda u: torques.Sunlight(
+        lambda u: ml.asteroids.Sunlight(
             surface(u), u(UNIT), u(5.0, (0, 1, -3)), 0.3, 0.2, 0.5, speed_of_light=u(2.0, SPEED)
         ),
         moving,
         WRENCH,
     ),
-    "FreeMolecularDrag": on(lambda u: torques.FreeMolecularDrag(surface(u), u(0.1, DENSITY)), moving, WRENCH),
+    "FreeMolecularDrag": on(lambda u: ml.spacecraft.FreeMolecularDrag(surface(u), u(0.1, DENSITY)), moving, WRENCH),
     "FreeMolecularDrag in a warm gas": on(
-        lambda u: torques.FreeMolecularDrag(
+        lambda u: ml.spacecraft.FreeMolecularDrag(
             surface(u), u(0.1, DENSITY), u(OTHER, SPEED), wall_speed=u(0.2, SPEED), thermal_speed=u(0.6, SPEED)
         ),
         alone,
@@ -176,19 +180,21 @@ TORQUES = {
     "PointMass": on(lambda u: torques.PointMass(u(20.0, MU)), moving, WRENCH),
     "Oblateness": on(lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, u(UNIT)), moving, WRENCH),
     "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving, WRENCH),
-    "Thrust": on(lambda u: torques.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving, WRENCH),
-    "MutualGravity": on(lambda u: torques.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair, WRENCH),
+    "Thrust": on(lambda u: ml.spacecraft.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving, WRENCH),
+    "MutualGravity": on(lambda u: ml.asteroids.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair, WRENCH),
     "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair, WRENCH),
     "Rod": on(
-        lambda u: torques.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))), pair, WRENCH
+        lambda u: ml.molecules.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))),
+        pair,
+        WRENCH,
     ),
     "Langevin": on(lambda u: torques.Langevin(u(1.0, ENERGY), u(0.5, FRICTION), jax.random.key(0)), alone, TORQUE),
-    "AppliedField": on(lambda u: torques.AppliedField(u(VECTOR, FIELD)), chain, FIELD),
-    "Exchange": on(lambda u: torques.Exchange(u(1.5, FIELD)), chain, FIELD),
-    "DzyaloshinskiiMoriya": on(lambda u: torques.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain, FIELD),
-    "Anisotropy": on(lambda u: torques.Anisotropy(u(0.7, FIELD), u(UNIT)), chain, FIELD),
-    "CubicAnisotropy": on(lambda u: torques.CubicAnisotropy(u(0.7, FIELD)), chain, FIELD),
-    "ThermalField": on(lambda u: torques.ThermalField(u(1.0, FIELD), jax.random.key(0)), chain, FIELD),
+    "AppliedField": on(lambda u: ml.spins.AppliedField(u(VECTOR, FIELD)), chain, FIELD),
+    "Exchange": on(lambda u: ml.spins.Exchange(u(1.5, FIELD)), chain, FIELD),
+    "DzyaloshinskiiMoriya": on(lambda u: ml.spins.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain, FIELD),
+    "Anisotropy": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD), u(UNIT)), chain, FIELD),
+    "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain, FIELD),
+    "ThermalField": on(lambda u: ml.spins.ThermalField(u(1.0, FIELD), jax.random.key(0)), chain, FIELD),
     "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
 }
 # Made of functions alone, whose numbers are the user's, and base classes.
@@ -250,12 +256,12 @@ DENSITIES = {
 
 
 def light(u: Units) -> tuple[Any, Any]:
-    return ml.observe.EllipsoidBrightness(u([3.0, 2.0, 1.0], LENGTH), u([1.0, 0, 0]), u([0.0, 1, 0])), turning(u)
+    return ml.asteroids.EllipsoidBrightness(u([3.0, 2.0, 1.0], LENGTH), u([1.0, 0, 0]), u([0.0, 1, 0])), turning(u)
 
 
 def box_light(u: Units) -> tuple[Any, Any]:
-    law = ml.observe.LommelSeeliger(0.1)
-    return ml.observe.Brightness(surface(u), u([0.8, 0, 0.6]), u([0.0, 0.6, 0.8]), law), turning(u)
+    law = ml.asteroids.LommelSeeliger(0.1)
+    return ml.asteroids.Brightness(surface(u), u([0.8, 0, 0.6]), u([0.0, 0.6, 0.8]), law), turning(u)
 
 
 def observed(observable: Any) -> Callable[..., Any]:
@@ -282,16 +288,16 @@ def of_solid(vertices: Any, density: Any) -> Any:
 
 
 FUNCTIONS = {
-    "kinetic_energy": of(ml.kinetic_energy, moving, ENERGY),
-    "energy": of(lambda torque, body, state, t: ml.energy(body, torque, state, t), scene, ENERGY),
-    "angular_velocity": of(ml.angular_velocity, alone, RATE),
-    "spatial_angular_velocity": of(ml.spatial_angular_velocity, alone, RATE),
-    "spatial_momentum": of(ml.spatial_momentum, lambda u: (travelling(u),), MOMENTUM),
-    "linear_momentum": of(ml.linear_momentum, lambda u: (travelling(u),), PUSH),
-    "velocity": of(ml.velocity, moving, SPEED),
-    "tumble": of(lambda body, state: tuple(ml.tumble(body, state)), alone, TUMBLE),
+    "kinetic_energy": of(ml.observe.kinetic_energy, moving, ENERGY),
+    "energy": of(lambda torque, body, state, t: ml.observe.energy(body, torque, state, t), scene, ENERGY),
+    "angular_velocity": of(ml.observe.angular_velocity, alone, RATE),
+    "spatial_angular_velocity": of(ml.observe.spatial_angular_velocity, alone, RATE),
+    "spatial_momentum": of(ml.observe.spatial_momentum, lambda u: (travelling(u),), MOMENTUM),
+    "linear_momentum": of(ml.observe.linear_momentum, lambda u: (travelling(u),), PUSH),
+    "velocity": of(ml.observe.linear_velocity, moving, SPEED),
+    "tumble": of(lambda body, state: tuple(ml.asteroids.tumble(body, state)), alone, TUMBLE),
     "tumbling": of(
-        lambda body, slow, fast: ml.tumbling(
+        lambda body, slow, fast: ml.asteroids.tumbling(
             body,
             precession_period=slow,
             rotation_period=fast,
@@ -318,8 +324,8 @@ FUNCTIONS = {
         lambda u: (u([[2.0, 0.5, 0.0], [0.5, 3.0, 0.0], [0.0, 0.0, 1.0]], MASS), u(VECTOR, PUSH)),
         SPEED,
     ),
-    "Rotor": of(
-        lambda moment, momentum: ml.Rotor(moment).velocity(momentum),
+    "SymmetricRotor": of(
+        lambda moment, momentum: ml.SymmetricRotor(moment).velocity(momentum),
         lambda u: (u(2.0, INERTIA), u(VECTOR, MOMENTUM)),
         RATE,
     ),
@@ -329,13 +335,15 @@ FUNCTIONS = {
     ),
     "Surface.box": of(lambda sides: ml.Surface.box(sides).areas, lambda u: (u([3.0, 2.0, 1.0], LENGTH),), AREA),
     "from_points": of(
-        lambda masses, places: ml.from_points(masses, places),
+        lambda masses, places: ml.molecules.from_points(masses, places),
         lambda u: (u([2.0, 1.0, 1.5, 0.5], MASS), u(VERTICES, LENGTH)),
         ((INERTIA, MASS), LENGTH),
     ),
-    "sites": of(ml.sites, lambda u: (travelling(u), u(VERTICES, LENGTH)), LENGTH),
+    "sites": of(ml.molecules.sites, lambda u: (travelling(u), u(VERTICES, LENGTH)), LENGTH),
     "wrench_on_sites": of(
-        ml.wrench_on_sites, lambda u: (travelling(u), u(VERTICES, LENGTH), u(VERTICES, FORCE)), (TORQUE, FORCE)
+        ml.molecules.wrench_on_sites,
+        lambda u: (travelling(u), u(VERTICES, LENGTH), u(VERTICES, FORCE)),
+        (TORQUE, FORCE),
     ),
     "straight_rod": of(
         lambda *sizes: _rod(*sizes),
@@ -344,18 +352,18 @@ FUNCTIONS = {
     ),
     "EllipsoidBrightness": of(lambda light, state: light(0.0, state), light, AREA),
     "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
-    "Energy": of(observed(ml.observe.Energy()), scene, ENERGY),
-    "SpatialMomentum": of(observed(ml.observe.SpatialMomentum()), scene, MOMENTUM),
-    "AngularVelocity": of(observed(ml.observe.AngularVelocity()), scene, RATE),
-    "Position": of(observed(ml.observe.Position()), scene, LENGTH),
-    "Velocity": of(observed(ml.observe.Velocity()), scene, SPEED),
-    "Tumbling": of(lambda *x: tuple(observed(ml.observe.Tumbling())(*x)), scene, TUMBLE),
+    "Energy": of(observed(ml.observe.energy), scene, ENERGY),
+    "SpatialMomentum": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
+    "AngularVelocity": of(observed(ml.observe.angular_velocity), scene, RATE),
+    "Position": of(observed(ml.observe.position), scene, LENGTH),
+    "Velocity": of(observed(ml.observe.linear_velocity), scene, SPEED),
+    "Tumbling": of(lambda *x: tuple(observed(ml.asteroids.tumble)(*x)), scene, TUMBLE),
 }
 
 
 def _rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:
     axes = (jnp.zeros(3, length.dtype), jnp.array([0, 0, 1], length.dtype), jnp.array([1, 0, 0], length.dtype))
-    rod = ml.straight_rod(3, *axes, length=length, radius=radius, density=density, youngs_modulus=modulus)
+    rod = ml.molecules.straight_rod(3, *axes, length=length, radius=radius, density=density, youngs_modulus=modulus)
     return tuple(rod)
 
 

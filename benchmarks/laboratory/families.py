@@ -8,7 +8,7 @@ general method is the best of all.
 
 from collections.abc import Iterable, Mapping
 
-from midlie_jax.methods.base import Method
+from midlie_jax.integrators.base import Method
 
 from .rivals.problem import Point
 

@@ -77,13 +77,13 @@ def body() -> ml.RigidBody:
     return ml.RigidBody(jnp.array(MOMENTS))
 
 
-def torque() -> ml.torques.GravityGradient:
-    return ml.torques.GravityGradient(jnp.array(MOMENTS), orbit(), MU)
+def torque() -> ml.spacecraft.GravityGradient:
+    return ml.spacecraft.GravityGradient(jnp.array(MOMENTS), orbit(), MU)
 
 
 def start(s: Any, phi: Any) -> ml.RigidState:
     """The state two days before the perigee."""
-    return ml.tumbling(body(), **PERIODS, axis="short", pole=jnp.array(POLE), phases=(s, phi), mode="short")
+    return ml.asteroids.tumbling(body(), **PERIODS, axis="short", pole=jnp.array(POLE), phases=(s, phi), mode="short")
 
 
 def starts(count: int) -> ml.RigidState:

@@ -11,7 +11,7 @@ from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.advice.program import Program
 from midlie_jax.drivers.chunks import chunk_size
 from midlie_jax.drivers.free_motion import free_motion
-from midlie_jax.methods.base import Method
+from midlie_jax.integrators.base import Method
 from midlie_jax.model.states import RigidState
 
 from .kinds import numbers

@@ -78,7 +78,7 @@ def satellite(values: Any) -> Any:
     """On the published orbit from the published attitude; the rates at the start are a parameter or the published."""
     scene: Any = scenes.scene("gravity-gradient")
     body = ml.RigidBody(values["moments"])
-    torque = ml.torques.GravityGradient(None, scene.torque.orbit, scene.torque.mu)
+    torque = ml.spacecraft.GravityGradient(None, scene.torque.orbit, scene.torque.mu)
     rate = values.get("rate", jnp.asarray(SATELLITE_RATES[0]))
     return body, torque, ml.RigidState(body.momentum(rate), scene.start.attitude)
 

@@ -17,8 +17,8 @@ from midlie_jax._math import components as cp
 from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.drivers.stepper import OneStep
-from midlie_jax.methods.base import Method, Progress
-from midlie_jax.methods.system import System
+from midlie_jax.integrators.base import Method, Progress
+from midlie_jax.integrators.system import System
 from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.states import RigidState
 
@@ -43,7 +43,7 @@ class Rows(NamedTuple):
         found = np.sum(momentum**2 / np.asarray(self.body.moments), axis=-1) / 2
         if self.torque is None:
             return found
-        return found + np.asarray(self.torque.weight) * (1 - 2 * np.sum(attitude[..., 1:3] ** 2, axis=-1))
+        return found + np.asarray(self.torque.mgl) * (1 - 2 * np.sum(attitude[..., 1:3] ** 2, axis=-1))
 
 
 class Runner:

@@ -13,9 +13,10 @@ from midlie_jax.cli.scenes import Scene
 from midlie_jax.model import so3
 from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.free_body import FreeBody
-from midlie_jax.model.rotor import Rotor
+from midlie_jax.model.rotor import SymmetricRotor
 from midlie_jax.model.states import AxisState, FreeState
-from midlie_jax.model.torques import GravityGradient, HeavyTop, PointMass
+from midlie_jax.model.torques import HeavyTop, PointMass
+from midlie_jax.spacecraft.gravity_gradient import GravityGradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ def _axis() -> Scene:
     return SceneOfAnyKind(
         name="axis",
         title="the axis of the fast heavy top P1, tilted by 0.3 rad, without its spin angle",
-        body=Rotor(whole.body.moments[0], whole.body.moments[2]),
+        body=SymmetricRotor(whole.body.moments[0], whole.body.moments[2]),
         torque=whole.torque,
         start=AxisState.of(whole.start),
         dt=whole.dt,
@@ -106,7 +107,7 @@ def renumbered(scene: Scene, third: int) -> Scene:
     moments = scene.body.moments[pick]
     if isinstance(torque, HeavyTop):
         a, b, c = (torque.axis[i] for i in order)
-        torque = HeavyTop(torque.weight, (a, b, c))
+        torque = HeavyTop(torque.mgl, (a, b, c))
     elif torque is not None:
         torque = GravityGradient(moments, torque.orbit, torque.mu)
     momentum, attitude = scene.start.momentum, scene.start.attitude

@@ -174,7 +174,7 @@ def observed(method: str, step: float, times: int = 1) -> Kept:
     force = ml.torques.FromPotential(made.energy)
 
     def seen(t: Any, state: ml.ParticleState) -> Kept:
-        energy = ml.kinetic_energy(made.body, state) + made.energy(t, state)
+        energy = ml.observe.kinetic_energy(made.body, state) + made.energy(t, state)
         return Kept(energy, jnp.sum(state.momentum, axis=0), angular_momentum(state))
 
     steps = times * round(TIME / step)

@@ -32,7 +32,7 @@ def scene(facets: int, dtype: Any) -> tuple[Any, Any, Any]:
     random = np.random.default_rng(0)
     surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets).moved([0.1, 0.2, -0.3])
     surface = surface if facets > 6 else ml.Surface.box([3.0, 2.0, 1.0]).moved([0.1, 0.2, -0.3])
-    torque = ml.torques.Sunlight(surface, [0.48, 0.6, 0.64], 1e-3, 0.2, 0.3, 0.5, speed_of_light=1.0)
+    torque = ml.asteroids.Sunlight(surface, [0.48, 0.6, 0.64], 1e-3, 0.2, 0.3, 0.5, speed_of_light=1.0)
     attitude = random.normal(size=(BODIES, 4))
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     start = ml.RigidState(jnp.asarray(random.normal(size=(BODIES, 3)), dtype), jnp.asarray(attitude, dtype))
@@ -129,7 +129,7 @@ PERIOD, HOURS, EVERY = 27.0, 120.0, 0.1  # hours: of a turn by the largest momen
 def light_curve(direction: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Hours and magnitudes relative to their mean."""
     body, surface = ml.Surface.ellipsoid(SEMI_AXES).principal(DENSITY)
-    seen = ml.observe.Brightness(surface, SUN, OBSERVER, ml.observe.LommelSeeliger(lambert=0.1), magnitude=True)
+    seen = ml.asteroids.Brightness(surface, SUN, OBSERVER, ml.asteroids.LommelSeeliger(lambert=0.1), magnitude=True)
     towards = np.array(direction) / np.linalg.norm(direction)
     momentum = 2 * np.pi / (PERIOD * HOUR) * body.moments[2] * jnp.asarray(towards)
     start = ml.RigidState(momentum, ml.so3.exp(jnp.array([0.4, 0.2, 0.0])))

@@ -14,10 +14,10 @@ import numpy as np
 from midlie_jax.advice.timing import Load, cost_clock, spread_in_words
 from midlie_jax.cli import chosen
 from midlie_jax.cli.scenes import Scene
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.projection import steady_potential
-from midlie_jax.methods.registry import ENTRIES, exact_flight
-from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.projection import steady_potential
+from midlie_jax.integrators.registry import ENTRIES, exact_flight
+from midlie_jax.integrators.schemes import SCHEMES
 from midlie_jax.model.torques import on_body
 
 from . import scenes

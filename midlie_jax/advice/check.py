@@ -1,7 +1,7 @@
 """`check`: tests before a run whether a step is stable for a method, body, torque and start, and suggests a stable one.
 
 A trial of some thousand steps (`trials.py`) measures the rotation angles of the steps and the rates of the torque. It
-shows whether the run fails or the energy drifts. `check` compares these with the limits of `methods/limits.py`. It
+shows whether the run fails or the energy drifts. `check` compares these with the limits of `integrators/limits.py`. It
 tests whether the torque jumps in time within steps (`jumps.py`). A trial with half the step estimates the accuracy of
 the motion (`accuracy.py`), which is not part of the verdict.
 """
@@ -17,9 +17,9 @@ from .._checks.arguments import as_count, require_numbers
 from .._checks.renamed import old_name
 from ..drivers.arguments import as_method, as_scalar, check_clock, check_system
 from ..drivers.ensemble import as_batch
-from ..methods.base import Method
-from ..methods.limits import resonance, resonance_half_width
-from ..methods.splitting import Splitting
+from ..integrators.base import Method
+from ..integrators.limits import resonance, resonance_half_width
+from ..integrators.splitting import Splitting
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState

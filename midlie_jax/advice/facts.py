@@ -10,8 +10,8 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla.replay import traits
-from ..methods.base import Method
-from ..methods.system import Motion, System
+from ..integrators.base import Method
+from ..integrators.system import Motion, System
 from ..model.observables import kinetic_energy
 from ..model.state import AnyState
 from ..model.torques import on_body, potential_of

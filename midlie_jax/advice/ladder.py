@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..methods.registry import method as find_method
+from ..integrators.registry import method as find_method
 from ..model import so3
 from ..model.state import AnyState
 from .program import Program

@@ -17,8 +17,8 @@ from jax import Array
 from .._xla.compiler import tuned_jit
 from ..drivers import shared_inputs
 from ..drivers.stepper import OneStep
-from ..methods.base import Method, Progress
-from ..methods.system import System
+from ..integrators.base import Method, Progress
+from ..integrators.system import System
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike

@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from jax import Array
 
-from ..methods.registry import exact_flight
-from ..methods.registry import method as find_method
+from ..integrators.registry import exact_flight
+from ..integrators.registry import method as find_method
 from ..model.bodies import Body
 from ..model.state import AnyState
 from .facts import Facts
@@ -71,12 +71,12 @@ def why_none(
 def _stiffness(largest_rate: float, motion_rate: float) -> str:
     return (
         f"Its largest rate at the start is {largest_rate:.1e} per unit of time, while the rate of the motion is "
-        f"{motion_rate:.1e}. Use an implicit solver of diffrax: Kvaerno5() with midlie_jax.RigidBodyTerm(body, torque)."
+        f"{motion_rate:.1e}. Use an implicit solver of diffrax: Kvaerno5() with midlie_jax.diffrax.RigidBodyTerm(body, torque)."
     )
 
 
 def speed_of(body: Any, start: Any) -> float:
-    """|Omega| at the start; for a `Rotor`, the angular speed of its axis."""
+    """|Omega| at the start; for a `SymmetricRotor`, the angular speed of its axis."""
     return float(np.linalg.norm(np.asarray(body.turning.velocity(start.momentum), np.float64)))
 
 

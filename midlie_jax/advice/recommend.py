@@ -19,14 +19,14 @@ from jax import Array
 
 from .._checks.arguments import described, require, require_numbers, shown
 from ..drivers.arguments import as_scalar, check_clock, check_system
-from ..methods.registry import ENTRIES, exact_flight
-from ..methods.registry import method as find_method
-from ..methods.runge_kutta import RungeKutta
-from ..methods.schemes import SCHEMES
-from ..methods.system import System
+from ..integrators.registry import ENTRIES, exact_flight
+from ..integrators.registry import method as find_method
+from ..integrators.runge_kutta import RungeKutta
+from ..integrators.schemes import SCHEMES
+from ..integrators.system import System
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import order_cure
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check
@@ -127,7 +127,7 @@ def recommend(
     if getattr(start, "several", False):
         raise ValueError("start must be of one body for recommend. For coupled bodies compare runs with dt and dt/2.")
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
-    if not isinstance(body_that_turns, RigidBody | Rotor):
+    if not isinstance(body_that_turns, RigidBody | SymmetricRotor):
         raise ValueError(f"recommend supports rotating bodies, got body {described(body)}{order_cure(body)}.")
     if not hasattr(start, "attitude") and not hasattr(start, "axis"):
         raise ValueError(

@@ -13,7 +13,7 @@ from ..drivers.adjoints import Forward
 from ..drivers.chunks import chunk_size, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
 from ..drivers.path import Path
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.state import AnyState
 from ..model.states import RigidState
 from .accuracy import difference

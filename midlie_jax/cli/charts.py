@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..advice.timing import Load, cost_clock, one_core, spread_in_words
-from ..methods.base import Method
-from ..methods.registry import ENTRIES, methods_of_figure_1
+from ..integrators.base import Method
+from ..integrators.registry import ENTRIES, methods_of_figure_1
 from ..model.bodies import RigidBody
 from ..model.states import AxisState
 from ..plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION

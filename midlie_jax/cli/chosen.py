@@ -16,8 +16,8 @@ import jax.numpy as jnp
 
 from .._checks.arguments import described
 from ..drivers.arguments import as_method
-from ..methods.base import Method
-from ..methods.flights import Flight
+from ..integrators.base import Method
+from ..integrators.flights import Flight
 from ..model.bodies import RigidBody
 from . import scenes
 from .scenes import Scene

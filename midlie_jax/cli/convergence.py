@@ -18,12 +18,12 @@ import numpy as np
 
 from ..advice.program import Program
 from ..advice.timing import Stopwatch
-from ..methods.base import Method
-from ..methods.registry import method as find_method
+from ..integrators.base import Method
+from ..integrators.registry import method as find_method
 from ..model import so3
 from ..model.bodies import RigidBody
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, FreeState, RigidState
 from ..model.torques import HeavyTop, UniformGravity
 from . import chosen
@@ -252,7 +252,7 @@ def _slope(coarse: float, fine: float) -> float:
 def _exact(scene: Scene) -> Reference | None:
     """The exact end, with a parabola for a body in free fall; an axis moves as if all moments were equal."""
     body, torque, start, position, source = scene.body, scene.torque, scene.start, None, SOURCE
-    if isinstance(body, Rotor) and isinstance(start, AxisState):
+    if isinstance(body, SymmetricRotor) and isinstance(start, AxisState):
         moments, start = np.full(3, float(body.moment)), start.with_attitude()
     elif isinstance(body, RigidBody) and isinstance(start, RigidState):
         moments = np.asarray(body.moments)
@@ -269,7 +269,7 @@ def _exact(scene: Scene) -> Reference | None:
     if ends is None:
         return None
     end = RigidState(*(jnp.asarray(numbers[0]) for numbers in ends))
-    end = AxisState.of(end) if isinstance(body, Rotor) else end
+    end = AxisState.of(end) if isinstance(body, SymmetricRotor) else end
     return Reference(np.asarray(end.momentum), _pose(end), source, 1e-14, position)
 
 
@@ -279,7 +279,7 @@ def exact_ends(
     """Momenta (n, 3) and attitudes (n, 4) at the end; None if the torque or a very long motion prevents it."""
     if not (torque is None or isinstance(torque, HeavyTop)):
         return None
-    weight, axis = (0.0, (0.0, 0.0, 1.0)) if torque is None else (float(torque.weight), torque.axis)
+    weight, axis = (0.0, (0.0, 0.0, 1.0)) if torque is None else (float(torque.mgl), torque.axis)
     fastest = max(float(np.linalg.norm(np.asarray(start.momentum) / moments)) for start in starts)
     if (fastest + math.sqrt(abs(weight) / np.min(moments))) * abs(duration) > _MOST_RADIANS:
         return None

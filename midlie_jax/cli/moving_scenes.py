@@ -8,17 +8,18 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from ..asteroids.mutual_gravity import MutualGravity
 from ..model import so3
 from ..model.bodies import RigidBody
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
-from ..model.sites import sites
+from ..model.rotor import SymmetricRotor
 from ..model.state import Time
 from ..model.states import AxisState, CoupledState, FreeState
-from ..model.straight_rod import straight_rod
-from ..model.torques import FromPotential, HeavyTop, MutualGravity, Oblateness, PointMass, Torque, UniformGravity
+from ..model.torques import FromPotential, HeavyTop, Oblateness, PointMass, Torque, UniformGravity
 from ..model.torques.reads_body import ReadsBody
 from ..model.wrench import Wrench
+from ..molecules.points import sites
+from ..molecules.rods import straight_rod
 from .scene import Scene
 
 _BRICK = np.array([0.00189422, 0.006211019, 0.007194665]), 0.155404754  # moments and mass, slug and ft
@@ -150,7 +151,7 @@ def spherical_pendulum(dtype: Any) -> Scene:
     return Scene(
         name="",
         title="an axis that hangs: the bob swings between two heights, and the swing turns",
-        body=Rotor(jnp.asarray(mass * length**2, dtype)),
+        body=SymmetricRotor(jnp.asarray(mass * length**2, dtype)),
         torque=HeavyTop(jnp.asarray(mass * 9.81 * length, dtype)),
         start=AxisState(jnp.asarray(momentum, dtype), jnp.asarray(axis, dtype)),
         dt=0.01,

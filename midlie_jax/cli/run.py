@@ -16,7 +16,7 @@ from ..advice.timing import Load, Timing, timed, user_clock
 from ..advice.trials import MOST_STEPS
 from ..drivers.integrate import integrate
 from ..drivers.path import Path
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.states import AxisState
 from ..plot.style import FEW
 from ..simulation.simulate import simulate

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model import so3, torques
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState
 from ..plot.conservation import Change
 from ..plot.style import BLUE, GREEN, VERMILLION
@@ -88,7 +88,7 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
     """Draws the angular velocities in one panel for each axis, because their sizes may be very different."""
     body, is_axis = record.scene.body, isinstance(record.scene.start, AxisState)
     turning = getattr(body, "body", body)
-    rates = record.momenta / np.asarray(turning.moment if isinstance(turning, Rotor) else turning.moments)
+    rates = record.momenta / np.asarray(turning.moment if isinstance(turning, SymmetricRotor) else turning.moments)
     named, letters = ("the axes of space", "xyz") if is_axis else ("the principal axes", "123")
     for i, axes in enumerate(stack):
         first, last = i == 0, i == len(stack) - 1

@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._math.euler import euler_angles, matrices_of
-from ..attitudes import write
 from ..model.states import TravellingState
 from ..plot.animate import animate
 from ..plot.view import view as view_of
 from ..simulation.saved import Saved, saved_path
 from ..simulation.summary import Inspection
 from ..simulation.summary import inspect as inspected
+from ..spacecraft.attitudes.writer import write
 from . import scenes
 from .record import SCENE, Record, columns
 from .run_chart import run_chart, store_chart

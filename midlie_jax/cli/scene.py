@@ -21,8 +21,8 @@ class Scene:
     Attributes:
         name: as in `scenes()`.
         title: description in one line.
-        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `Rotor`, or a `FreeBody`; or
-            several coupled bodies.
+        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `SymmetricRotor`, or a `FreeBody`;
+            or several coupled bodies.
         torque: the torque on it, or None for a free body.
         start: its state at time 0: a `RigidState`, an `AxisState`, a `FreeState`, a `FreeAxisState` or a
             `CoupledState`.

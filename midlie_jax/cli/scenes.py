@@ -20,7 +20,8 @@ from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.state import Time
 from ..model.states import RigidState
-from ..model.torques import DipoleInField, FromPotential, GravityGradient, HeavyTop, Prescribed, Torque
+from ..model.torques import DipoleInField, FromPotential, HeavyTop, Prescribed, Torque
+from ..spacecraft.gravity_gradient import GravityGradient
 from . import moving_scenes
 from .moving_scenes import JEOD
 from .scene import Scene as Scene

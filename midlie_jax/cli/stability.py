@@ -19,11 +19,11 @@ from jax import Array
 from .._xla.compiler import compiler_options
 from ..advice.facts import FAST, Facts, stability_limits
 from ..drivers.integrate import integrate
-from ..methods.base import Method
-from ..methods.limits import resonance
-from ..methods.registry import DEFAULT
-from ..methods.registry import method as find_method
-from ..methods.splitting import Splitting
+from ..integrators.base import Method
+from ..integrators.limits import resonance
+from ..integrators.registry import DEFAULT
+from ..integrators.registry import method as find_method
+from ..integrators.splitting import Splitting
 from ..model.bodies import RigidBody
 from ..model.observables import energy, kinetic_energy
 from ..model.states import RigidState
@@ -278,7 +278,7 @@ class Line(NamedTuple):
 
 
 def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[Line]:
-    """The limits of `methods/limits.py` for each value of a sweep, from the state at the start."""
+    """The limits of `integrators/limits.py` for each value of a sweep, from the state at the start."""
     method = chosen.method(method)
     dtype = scene.start.momentum.dtype
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..methods.base import Method
-from ..methods.flights import FLIGHTS
-from ..methods.registry import DEFAULT, ENTRIES
-from ..methods.schemes import SCHEMES
+from ..integrators.base import Method
+from ..integrators.flights import FLIGHTS
+from ..integrators.registry import DEFAULT, ENTRIES
+from ..integrators.schemes import SCHEMES
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.torques import Sum
 from . import chosen
 from . import scenes as all_scenes
@@ -127,7 +127,7 @@ def _described(scene: Scene) -> str:
 def _body(body: Any) -> dict[str, str]:
     if isinstance(body, FreeBody):
         return {**_body(body.body), "mass": _numbers(body.mass)}
-    if isinstance(body, Rotor):
+    if isinstance(body, SymmetricRotor):
         return {"moment across the axis": _numbers(body.moment)}
     return {"moments of inertia": _numbers(body.moments)}
 

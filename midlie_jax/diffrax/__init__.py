@@ -1,6 +1,6 @@
 """The methods as solvers of diffrax, so that an existing diffrax program only changes its term and solver.
 
-    term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("LIEMID[EA]")
+    term, solver = ml.diffrax.RigidBodyTerm(body, torque), ml.diffrax.LieSolver("LIEMID[EA]")
     solution = diffrax.diffeqsolve(term, solver, t0, t1, dt0, ml.RigidState(momentum, attitude))
 
 Only this subpackage imports diffrax, and only its public names. The same term also runs under the solvers of diffrax.

@@ -28,7 +28,7 @@ from jax import Array
 
 from .._math import components as cp
 from .._math.short_series import LARGEST_SQUARE, half_turn
-from ..methods.system import AnyMotion, Motion, System
+from ..integrators.system import AnyMotion, Motion, System
 
 REFERENCE_ORDER = 3  # order of the companion; its local error is of order h^(REFERENCE_ORDER + 1)
 

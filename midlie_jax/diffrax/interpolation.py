@@ -41,7 +41,7 @@ class LieInterpolation(Dense):
     Examples:
         >>> import diffrax
         >>> saved = diffrax.SaveAt(ts=jnp.array([0.123, 0.456]))  # between steps of 0.01
-        >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
+        >>> term, solver = ml.diffrax.RigidBodyTerm(body, torque), ml.diffrax.LieSolver("JACOBI[EA]")
         >>> solution = diffrax.diffeqsolve(term, solver, 0.0, 1.0, 0.01, start, saveat=saved)
         >>> jnp.linalg.norm(solution.ys.attitude, axis=-1).round(12)  # unit quaternions
         Array([1., 1.], dtype=float64)

@@ -30,7 +30,7 @@ class RotationNorm(eqx.Module):
 
     Examples:
         >>> import diffrax
-        >>> norm = ml.RotationNorm(momentum=50.0)  # a momentum error of 50 has the weight of one radian
+        >>> norm = ml.diffrax.RotationNorm(momentum=50.0)  # a momentum error of 50 has the weight of one radian
         >>> controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=norm)
     """
 

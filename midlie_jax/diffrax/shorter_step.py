@@ -14,9 +14,9 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla.fusion import is_stored
-from ..methods.base import Method, Progress
-from ..methods.system import System
-from ..methods.verdict import FINE, is_fine
+from ..integrators.base import Method, Progress
+from ..integrators.system import System
+from ..integrators.verdict import FINE, is_fine
 from ..model.bodies import Body
 from ..model.torques import TorqueLike
 from .dense import Dense, part_of_step

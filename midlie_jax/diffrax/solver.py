@@ -14,11 +14,11 @@ from .._checks.arguments import described
 from .._math import components as cp
 from .._xla.fusion import fuse, is_stored, split
 from ..drivers.arguments import as_method
-from ..methods.base import Method, Progress
-from ..methods.registry import DEFAULT
-from ..methods.splitting import Splitting
-from ..methods.system import AnyMotion, System
-from ..methods.verdict import FINE, is_fine
+from ..integrators.base import Method, Progress
+from ..integrators.registry import DEFAULT
+from ..integrators.splitting import Splitting
+from ..integrators.system import AnyMotion, System
+from ..integrators.verdict import FINE, is_fine
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
@@ -96,7 +96,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     Examples:
         >>> import diffrax
-        >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
+        >>> term, solver = ml.diffrax.RigidBodyTerm(body, torque), ml.diffrax.LieSolver("JACOBI[EA]")
         >>> steps = diffrax.StepTo(ts=0.01 * jnp.arange(101.0))  # with dt0=None: steps of one size
         >>> run = {"stepsize_controller": steps, "saveat": diffrax.SaveAt(steps=True), "max_steps": 100}
         >>> solution = diffrax.diffeqsolve(term, solver, 0.0, 1.0, None, start, **run)
@@ -264,7 +264,7 @@ def _single_term(terms: Any) -> RigidBodyTerm:
     term = terms_found[0] if len(terms_found) == 1 else None
     if not isinstance(term, RigidBodyTerm):
         raise ValueError(
-            "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
+            "LieSolver needs one midlie_jax.diffrax.RigidBodyTerm(body, torque) as its terms, got "
             f"{' and '.join(type(x).__name__ for x in terms_found) or described(terms)}; add torques "
             "with midlie_jax.torques.Sum."
         )

@@ -15,14 +15,14 @@ from jax import Array
 from .._checks.arguments import described, same_dtype
 from .._math import components as cp
 from ..drivers.arguments import check_bath, check_moves
-from ..methods.base import Method
-from ..methods.system import System
+from ..integrators.base import Method
+from ..integrators.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
 from ..model.kind import Kind
 from ..model.state import State
-from ..model.states import SpinState
 from ..model.torques import TorqueLike
+from ..spins.state import SpinState
 
 
 class Rates(NamedTuple):
@@ -39,7 +39,7 @@ class Rates(NamedTuple):
         torque: body-frame torque (3,), in the same form.
 
     Examples:
-        >>> rates = ml.RigidBodyTerm(body, torque).vf(0.0, start, None)
+        >>> rates = ml.diffrax.RigidBodyTerm(body, torque).vf(0.0, start, None)
         >>> rates.velocity, rates.torque[0].round(4)  # for LieSolver
         (Array([ 0.,  0., 50.], dtype=float64), Array(5.9104, dtype=float64))
         >>> type(rates.ambient).__name__  # for other solvers: the derivative of each array
@@ -55,7 +55,7 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     """Pi' = Pi x Om + T, R' = R skew(Om), Om = I^-1 Pi, as a term for `LieSolver` and for every ODE solver of diffrax.
 
     Attributes:
-        body: a `RigidBody`, `TensorBody`, `FreeBody`, `Rotor` or `Particles`.
+        body: a `RigidBody`, `TensorBody`, `FreeBody`, `SymmetricRotor` or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame, or None; for a body that translates it can
             return a `Wrench`.
         torque_of_args: instead of `torque`, a function from the `args` of diffrax to the torque (a callable or None),
@@ -65,10 +65,10 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         ValueError: both `torque` and `torque_of_args` are given, one of them is not callable, or `body` is not a body.
 
     Examples:
-        >>> term = ml.RigidBodyTerm(body, torque)
+        >>> term = ml.diffrax.RigidBodyTerm(body, torque)
         >>> term.vf(0.0, start, None).velocity  # the angular velocity
         Array([ 0.,  0., 50.], dtype=float64)
-        >>> fitted = ml.RigidBodyTerm(body, torque_of_args=lambda args: ml.torques.HeavyTop(args["weight"]))
+        >>> fitted = ml.diffrax.RigidBodyTerm(body, torque_of_args=lambda args: ml.torques.HeavyTop(args["weight"]))
     """
 
     body: Body
@@ -78,7 +78,7 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     def __init__(self, body: Any, torque: Any = None, *, torque_of_args: Any = None):
         if not isinstance(body, Body):
             raise ValueError(
-                f"body must be a midlie_jax.RigidBody, TensorBody, FreeBody, Rotor or Particles, got {described(body)}."
+                f"body must be a midlie_jax.RigidBody, TensorBody, FreeBody, SymmetricRotor or Particles, got {described(body)}."
             )
         if torque is not None and torque_of_args is not None:
             raise ValueError("give torque or torque_of_args, not both; add torques with midlie_jax.torques.Sum.")

@@ -1,1 +1,1 @@
-"""The drivers: `integrate`, `integrate_adaptive` and `ensemble` take many steps; `free_motion` needs none."""
+"""The drivers: `integrate`, `integrate_variable_step` and `ensemble` take many steps; `free_motion` needs none."""

@@ -20,8 +20,8 @@ from .._xla.internals import Tracer, is_zero_tangent, make_primitive
 from .._xla.keep import recomputed
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.rules import fits
-from ..methods.base import Method, Progress
-from ..methods.system import System
+from ..integrators.base import Method, Progress
+from ..integrators.system import System
 
 # Counts of numbers per body. The states that a derivative keeps are written to memory and read again. If the kept
 # states of a few hundred bodies fit the last-level cache, this is faster than recomputing the steps; otherwise it is
@@ -86,7 +86,7 @@ class Checkpointed(Adjoint):
             example. If there is none, it is the next larger divisor up to 8 times as many, else 1.
 
     Examples:
-        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
+        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.SymmetricRotor(5.0)
         >>> def height(weight):  # of the tip after 100 steps
         ...     run = {"dt": 0.01, "steps": 100, "save_every": 100, "adjoint": ml.Checkpointed(every=10)}
         ...     return ml.integrate("SYMMETRIC[EA]", body, ml.torques.HeavyTop(weight), start, **run).states.axis[-1, 2]
@@ -136,7 +136,7 @@ class Reversible(Adjoint):
             float32, and fewer if `save_every` has no suitable divisor.
 
     Examples:
-        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
+        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.SymmetricRotor(5.0)
         >>> def height(weight):  # of the tip after 100 steps
         ...     run = {"dt": 0.01, "steps": 100, "save_every": 100, "adjoint": ml.Reversible()}
         ...     return ml.integrate("SYMMETRIC[EA]", body, ml.torques.HeavyTop(weight), start, **run).states.axis[-1, 2]
@@ -185,7 +185,7 @@ class Forward(Adjoint):
     """Supports forward mode only; a reverse derivative of the run raises a ValueError.
 
     Examples:
-        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.Rotor(5.0)
+        >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.SymmetricRotor(5.0)
         >>> def height(weight):  # of the tip after 100 steps
         ...     run = {"dt": 0.01, "steps": 100, "save_every": 100, "adjoint": ml.Forward()}
         ...     return ml.integrate("SYMMETRIC[EA]", body, ml.torques.HeavyTop(weight), start, **run).states.axis[-1, 2]

@@ -23,14 +23,15 @@ from .._checks.arguments import (
 )
 from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
-from ..methods.base import Method
-from ..methods.registry import method as find_method
+from ..integrators.base import Method
+from ..integrators.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
 from ..model.orbits.base import orbits_in
-from ..model.spins import Spins
-from ..model.torques import ThermalField, Torque, baths_in, without_bath
+from ..model.torques import Torque, baths_in, without_bath
 from ..model.torques.by_step import check_steps
+from ..spins.body import Spins
+from ..spins.thermal_field import ThermalField
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 

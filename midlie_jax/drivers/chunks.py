@@ -21,7 +21,7 @@ from .._xla.compiler import tuned_jit
 from .._xla.mesh import is_spread, row_of
 from .._xla.platform import cores, on_cpu
 from .._xla.structure import remember, structure_of
-from ..methods.base import Method, Progress
+from ..integrators.base import Method, Progress
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
 from .integrate import run_of_body

@@ -35,8 +35,8 @@ def energy(
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
         torque: as for `integrate` or `ensemble`: None, or a torque with a potential, whose arrays may have one row per
             body.
-        motion: any state, which may have leading batch axes (except for particles); or a `Path` or `AdaptivePath` of
-            such states, which contains their times. For a run of `simulate` pass its `states()`.
+        motion: any state, which may have leading batch axes (except for particles); or a `Path` or `VariableStepPath`
+            of such states, which contains their times. For a run of `simulate` pass its `states()`.
         t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
         torque_axes: which arrays of the torque have one row per body, as for `ensemble`. By default no array has rows
             if there is one body and the torque fits it without change; otherwise the rule of `ensemble` applies.
@@ -52,7 +52,7 @@ def energy(
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> ml.energy(body, torque, start).round(4)  # 50^2 / 2 + 20 cos 0.3
+        >>> ml.observe.energy(body, torque, start).round(4)  # 50^2 / 2 + 20 cos 0.3
         Array(1269.1067, dtype=float64)
     """
     path = None if isinstance(motion, State) else motion

@@ -12,7 +12,7 @@ from .._checks.arguments import as_count, as_floats, described, require_finite
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import row_of
 from .._xla.structure import once
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.orbits.base import orbits_in

@@ -9,8 +9,8 @@ import equinox as eqx
 import jax
 from jax import export
 
-from ..methods.base import Progress
-from ..methods.system import Motion
+from ..integrators.base import Progress
+from ..integrators.system import Motion
 from ..model import states, torques
 from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
@@ -18,12 +18,12 @@ from ..model.kind import Kind
 from ..model.state import State
 from ..model.states.compensated import CompensatedPose
 from ..model.wrench import Wrench
-from .path import AdaptivePath, Path
+from .path import Path, VariableStepPath
 from .results import RESULTS
 from .stepper import Carry
 
 _PLAIN = bool | int | float | str | None
-_TUPLES = Progress, Momenta, Place, CompensatedPose, Path, AdaptivePath
+_TUPLES = Progress, Momenta, Place, CompensatedPose, Path, VariableStepPath
 _RESULT: Any = type(RESULTS.successful)
 _registered: set[type] = set()
 

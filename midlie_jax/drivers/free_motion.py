@@ -15,12 +15,12 @@ from .._checks.arguments import as_floats, require_finite, require_resolved
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import begin, fuse
-from ..methods.flights.axis_turn import Circle
-from ..methods.flights.free_orbit import Orbit
-from ..methods.system import Motion, System
-from ..methods.verdict import FINE, LOST, at_start, earlier, is_fine
+from ..integrators.flights.axis_turn import Circle
+from ..integrators.flights.free_orbit import Orbit
+from ..integrators.system import Motion, System
+from ..integrators.verdict import FINE, LOST, at_start, earlier, is_fine
 from ..model.bodies import Body, principal_of
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
 from .bad_start import finite_start, nan_unless
@@ -39,7 +39,7 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     by a few eps.
 
     A body that translates moves along a straight line, with the rounding error of the distance t p/m. The axis of a
-    `Rotor` rotates about its momentum by one rotation, which is differentiable everywhere except at rest.
+    `SymmetricRotor` rotates about its momentum by one rotation, which is differentiable everywhere except at rest.
 
     For other bodies it is differentiable if the three moments differ and the momentum is neither along a principal axis
     nor on the separatrix. Otherwise derivatives can be NaN, unlike the derivatives of `integrate` with JACOBI. A
@@ -47,7 +47,7 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     compile.
 
     Args:
-        body: a `RigidBody`, a `TensorBody` in a custom frame, a `Rotor`, or a `FreeBody` of one of these.
+        body: a `RigidBody`, a `TensorBody` in a custom frame, a `SymmetricRotor`, or a `FreeBody` of one of these.
         start: the state at the time t0, of any kind that fits the body.
         times: (n,), any times, before and after t0, not necessarily sorted. They must be so near zero that the dtype of
             the state can distinguish them.
@@ -69,7 +69,7 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
         >>> path.states.attitude.shape, bool(path.ok)
         ((4, 4), True)
     """
-    mover = "SYMMETRIC[EA]" if isinstance(getattr(body, "turning", body), Rotor) else "JACOBI[EA]"
+    mover = "SYMMETRIC[EA]" if isinstance(getattr(body, "turning", body), SymmetricRotor) else "JACOBI[EA]"
     check_system(as_method(mover), body, None, start)
     given, times = times, as_floats("times", times)
     if times.ndim != 1:
@@ -101,7 +101,7 @@ def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
     motion = system.motion(start)
     turning, turned = system.rotating(motion)
     turning_body = principal_of(body).turning
-    if isinstance(turning_body, Rotor):
+    if isinstance(turning_body, SymmetricRotor):
         orbit: Any = Circle.of(*begin((turning.inertia, turned.momentum)))
     else:
         orbit = fuse(Orbit.of(*begin((turning_body.moments, turned.momentum))))

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._xla.replay import traits
-from ..methods.base import Progress
-from ..methods.system import AnyMotion, System
-from ..methods.verdict import FINE, UNSTABLE, earlier
+from ..integrators.base import Progress
+from ..integrators.system import AnyMotion, System
+from ..integrators.verdict import FINE, UNSTABLE, earlier
 from ..model.bodies import Particles
 from ..model.state import AnyState
 from ..model.torques import potential_of

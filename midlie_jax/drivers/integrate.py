@@ -13,8 +13,8 @@ from .._xla.compiler import tuned_jit
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import all_promoted, axes_of_run
 from .._xla.platform import on_cpu
-from ..methods.base import Method, Progress
-from ..methods.verdict import UNSTABLE, at_start, earlier
+from ..integrators.base import Method, Progress
+from ..integrators.verdict import UNSTABLE, at_start, earlier
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
@@ -137,7 +137,7 @@ def integrate(
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> path.states.attitude.shape
         (101, 4)
-        >>> bool(path.ok), bool(jnp.ptp(ml.energy(body, torque, path)) < 1e-3)
+        >>> bool(path.ok), bool(jnp.ptp(ml.observe.energy(body, torque, path)) < 1e-3)
         (True, True)
     """
     steps, observe = as_count("steps", steps), as_observe_of_one(observe)

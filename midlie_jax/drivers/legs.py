@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._xla.platform import on_cpu
-from ..methods.base import Method, Progress
+from ..integrators.base import Method, Progress
 from .stepper import OneStep
 
 # Approximate steps per iteration on an accelerator, where the host checks after each iteration whether to continue.

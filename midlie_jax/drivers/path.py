@@ -1,4 +1,4 @@
-"""`Path` and `AdaptivePath`: the results of the drivers, typed by the class of the states."""
+"""`Path` and `VariableStepPath`: the results of the drivers, typed by the class of the states."""
 
 from typing import Any, NamedTuple, TypeVar
 
@@ -66,8 +66,8 @@ class Path(NamedTuple, TypedBy[States]):
         return _brief(self)
 
 
-class AdaptivePath(NamedTuple, TypedBy[States]):
-    """A motion at the saved times, with variable steps; in annotations `AdaptivePath[RigidState]`.
+class VariableStepPath(NamedTuple, TypedBy[States]):
+    """A motion at the saved times, with variable steps; in annotations `VariableStepPath[RigidState]`.
 
     Attributes:
         times: (n,), beginning with the initial time; n = 1 + steps / save_every.
@@ -82,14 +82,14 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
         rho: (n,), near the density at these times: the next step is about dt / rho. To continue or reverse a run from a
             saved state, pass its entry as `rho`.
         taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed earlier.
-        carry: the final `midlie_jax.Carry`, from which `integrate_adaptive` continues as if the run had not been
+        carry: the final `midlie_jax.Carry`, from which `integrate_variable_step` continues as if the run had not been
             divided.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
-        >>> path = ml.integrate_adaptive("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
+        >>> path = ml.integrate_variable_step("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
         >>> path.rho.shape, int(path.taken)  # steps of about 0.01 / rho
         ((101,), 100)
     """
@@ -110,7 +110,7 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
         return _brief(self)
 
 
-AnyPath = Path[S] | AdaptivePath[S]
+AnyPath = Path[S] | VariableStepPath[S]
 
 
 def _brief(path: Any) -> str:

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._xla.hoisting import Hoisted, depends, hoist
-from ..methods.base import Method, Progress
-from ..methods.system import System
-from ..methods.verdict import FINE
+from ..integrators.base import Method, Progress
+from ..integrators.system import System
+from ..integrators.verdict import FINE
 from ..model.torques import on_body
 from .clock import ends_of_step
 

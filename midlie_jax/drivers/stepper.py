@@ -14,9 +14,9 @@ from .._checks.arguments import as_count
 from .._math import components as cp
 from .._math.components import is_traced
 from .._xla.mesh import NONE, Axes
-from ..methods.base import Method, Progress
-from ..methods.system import System
-from ..methods.verdict import at_start
+from ..integrators.base import Method, Progress
+from ..integrators.system import System
+from ..integrators.verdict import at_start
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation  # SciPy is a dependency of JAX
 
 from ..drivers.arguments import check_system
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.bodies import RigidBody, principal_of
 from ..model.state import AnyState
 from ..model.torques import without_gravity

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._checks.arguments import as_count, described, require_function
 from ..drivers.arguments import as_method
-from ..methods.base import Method
+from ..integrators.base import Method
 from .checks import checked_model
 from .estimate import Result, complaint, confounded
 from .instruments import of_which

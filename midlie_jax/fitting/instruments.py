@@ -19,8 +19,9 @@ from ..model import so3
 from ..model.bodies import TensorBody
 from ..model.state import AnyState
 from ..model.states import TravellingState, attitude_of
-from ..model.torques import GravityGradient, Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
+from ..model.torques import Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
 from ..model.wrench import Wrench
+from ..spacecraft.gravity_gradient import GravityGradient
 from .measurements import Expected, Measurement, Part, Recorded, Source, deviations, rows, source
 
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is a series

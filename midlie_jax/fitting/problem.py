@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.state import AnyState
 from ..model.states import TravellingState
 from .instruments import Attitudes, Rates

@@ -21,7 +21,7 @@ from ..drivers.arguments import as_method, check_clock
 from ..drivers.clock import time_of
 from ..drivers.integrate import integrate
 from ..drivers.path import Path
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.state import StateT
 
 # A time is on the grid if its distance is less than the first number, as a share of a step, plus the rounding of the

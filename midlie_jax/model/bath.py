@@ -20,7 +20,7 @@ from .._math.normals import normals
 from . import so3
 from .bodies import Body
 from .free_body import FreeBody, Momenta
-from .rotor import Rotor
+from .rotor import SymmetricRotor
 
 _SHORT = 1e-3  # below, (1 - exp(-x))/x uses the first terms of its series
 
@@ -95,7 +95,7 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
         root: sqrt(kT), a factor of every spread; or None.
     """
     turning: Any = body.turning
-    moments = cp.vector(turning.moments) if not isinstance(turning, Rotor) else _moments_of(turning)
+    moments = cp.vector(turning.moments) if not isinstance(turning, SymmetricRotor) else _moments_of(turning)
     angular = _exposure(_in_principal_axes(friction, frame), moments, time, root)
     if not isinstance(body, FreeBody):
         return angular
@@ -105,7 +105,7 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
     return Momenta(angular, linear if linear_friction.ndim == 0 else InBody(linear))
 
 
-def _moments_of(rotor: Rotor) -> cp.Vector:
+def _moments_of(rotor: SymmetricRotor) -> cp.Vector:
     return rotor.moment, rotor.moment, rotor.known_along
 
 

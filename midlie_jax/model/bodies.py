@@ -70,7 +70,7 @@ class Body(eqx.Module):
     (`State.parts`).
 
     Examples:
-        >>> [isinstance(body, ml.Body) for body in (ml.RigidBody([5.0, 5.0, 1.0]), ml.Rotor(5.0), ml.Particles(1.0))]
+        >>> [isinstance(body, ml.Body) for body in (ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0))]
         [True, True, True]
         >>> ml.RigidBody(jnp.ones((1000, 3))).batch
         (1000,)
@@ -162,7 +162,7 @@ class RigidBody(Body):
             cure
             or cure_of(
                 self.moments,
-                "check units and order; for a thin rod, with a moment of zero, use midlie_jax.Rotor(moment)",
+                "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)",
             ),
         )
         require_within_range("moments", self.moments, "mass or length")

@@ -8,10 +8,10 @@ from typing import Any
 import equinox as eqx
 
 from .._checks.arguments import described, other_arguments
+from ..spins.body import Spins
 from .bodies import Particles, principal_of
 from .free_body import FreeBody
 from .masses import check_fits
-from .spins import Spins
 from .state import AnyState, State
 from .states import TravellingState
 from .torques import Torque, terms_of

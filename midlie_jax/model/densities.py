@@ -1,4 +1,4 @@
-"""Step densities: they shorten the steps of `integrate_adaptive` where the motion is fast.
+"""Step densities: they shorten the steps of `integrate_variable_step` where the motion is fast.
 
 A density is any callable `density(t, state) -> ()` that is positive and smooth; the step is `dt / density`. The
 densities in this module are 1, or about 1, at a reference value that you choose, so `dt` is the step at that value. A
@@ -50,7 +50,7 @@ class OrbitalDistance(eqx.Module):
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[1.0, 0.0, 0.0], velocity=[0.0, 1.3, 0.0], mu=1.0)
-        >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_adaptive
+        >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_variable_step
         >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
         >>> round(float(density(0.0, state)), 4), round(float(density(10.0, state)), 4)  # steps are longer far out
         (1.0, 0.1037)
@@ -95,7 +95,7 @@ class TorqueSize(eqx.Module):
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0)
-        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)  # for ml.integrate_variable_step
         >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))
         >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
         >>> round(float(density(0.0, lying)), 4), round(float(density(0.0, upright)), 4)
@@ -134,7 +134,7 @@ class Spin(eqx.Module):
         ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.
 
     Examples:
-        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_variable_step
         >>> fast = ml.RigidState([0.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0])
         >>> round(float(density(0.0, fast)), 3)  # steps 5 times shorter than at the reference
         5.001

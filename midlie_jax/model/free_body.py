@@ -11,7 +11,7 @@ from .._math import components as cp
 from . import so3
 from .bodies import Body, RigidBody, TensorBody, require_within_range
 from .masses import all_positive, is_positive
-from .rotor import Rotor
+from .rotor import SymmetricRotor
 
 
 class Momenta(NamedTuple):
@@ -57,7 +57,8 @@ class FreeBody(Body):
     """A body that rotates about its centre of mass and translates.
 
     Attributes:
-        body: the rotating body: a `RigidBody`, a `TensorBody` or a `Rotor`, with the moments about the centre of mass.
+        body: the rotating body: a `RigidBody`, a `TensorBody` or a `SymmetricRotor`, with the moments about the centre
+            of mass.
         mass: its mass, (), or (...) with the batch of the body. One mass serves all bodies of a batch.
 
     Raises:
@@ -67,17 +68,17 @@ class FreeBody(Body):
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
         >>> level = [1.0, 0.0, 0.0, 0.0]
         >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
-        >>> ml.velocity(brick, thrown)
+        >>> ml.observe.linear_velocity(brick, thrown)
         Array([4., 0., 3.], dtype=float64)
     """
 
-    body: RigidBody | TensorBody | Rotor
+    body: RigidBody | TensorBody | SymmetricRotor
     mass: Float[Array, "*batch"]
 
     def __init__(self, body: Any, mass: Any):
-        if not isinstance(body, RigidBody | TensorBody | Rotor):
+        if not isinstance(body, RigidBody | TensorBody | SymmetricRotor):
             raise ValueError(
-                f"body must be a midlie_jax.RigidBody, TensorBody or Rotor, got {described(body)}; "
+                f"body must be a midlie_jax.RigidBody, TensorBody or SymmetricRotor, got {described(body)}; "
                 "for principal moments write FreeBody(RigidBody(moments), mass)."
             )
         mass = as_floats("mass", mass)

@@ -17,7 +17,7 @@ from . import so3
 from .bodies import Body, principal_of
 from .compatibility import check_body, check_state, check_torque
 from .free_body import Momenta
-from .rotor import Rotor
+from .rotor import SymmetricRotor
 from .state import AnyState, State
 from .states import OrientedState, TravellingState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
@@ -26,8 +26,8 @@ from .torques import TorqueLike, on_body, potential_of
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; both terms for a body that translates.
 
-    For coupled bodies it is the total. For a `Rotor` it is |pi|^2 / (2 I1), which omits the constant energy of the
-    spin.
+    For coupled bodies it is the total. For a `SymmetricRotor` it is |pi|^2 / (2 I1), which omits the constant energy of
+    the spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
@@ -40,7 +40,7 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
 
     Examples:
-        >>> ml.kinetic_energy(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
+        >>> ml.observe.kinetic_energy(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
         Array(1260., dtype=float64)
     """
     products = jax.tree.map(jnp.multiply, _momentum(state), _velocity(body, state))
@@ -52,7 +52,7 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 def energy(
     body: Body, torque: TorqueLike | None, motion: Any, t: float | Array | None = None
 ) -> Float[Array, "*batch"]:
-    """Kinetic plus potential energy of one body; `midlie_jax.energy` maps it over several.
+    """Kinetic plus potential energy of one body; `midlie_jax.observe.energy` maps it over several.
 
     Args:
         body: one body for all states.
@@ -122,15 +122,15 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 
     Raises:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
-            body is a `Rotor`, whose spin is unknown.
+            body is a `SymmetricRotor`, whose spin is unknown.
 
     Examples:
-        >>> ml.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
+        >>> ml.observe.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
         Array([ 2.,  0., 50.], dtype=float64)
     """
-    if isinstance(principal_of(body).turning, Rotor):
+    if isinstance(principal_of(body).turning, SymmetricRotor):
         raise ValueError(
-            "the angular velocity of a Rotor is undefined, because its spin is unknown; use body.velocity."
+            "the angular velocity of a SymmetricRotor is undefined, because its spin is unknown; use body.velocity."
         )
     velocity = _velocity(body, state)
     return velocity.angular if isinstance(velocity, Momenta) else velocity
@@ -148,7 +148,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
 
     Examples:
         >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> ml.spatial_angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), start).round(4)
+        >>> ml.observe.spatial_angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), start).round(4)
         Array([  2.    , -14.776 ,  47.7668], dtype=float64)
     """
     velocity = _velocity(body, state)
@@ -173,7 +173,7 @@ def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
 
     Examples:
         >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> ml.spatial_momentum(start).round(4)
+        >>> ml.observe.spatial_momentum(start).round(4)
         Array([ 10.    , -14.776 ,  47.7668], dtype=float64)
     """
     return state.spatial_momentum()
@@ -191,14 +191,14 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     Examples:
         >>> level = [1.0, 0.0, 0.0, 0.0]
         >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
-        >>> ml.linear_momentum(thrown)
+        >>> ml.observe.linear_momentum(thrown)
         Array([12.,  0.,  9.], dtype=float64)
     """
     linear = _travelling(state).linear
     return jnp.sum(linear, axis=-2) if state.several else linear
 
 
-def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
+def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The velocity p/m of the centre of mass of a body that translates, space frame, length/time, (..., 3).
 
     Args:
@@ -212,7 +212,7 @@ def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
         >>> level = [1.0, 0.0, 0.0, 0.0]
         >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
-        >>> ml.velocity(brick, thrown)
+        >>> ml.observe.linear_velocity(brick, thrown)
         Array([4., 0., 3.], dtype=float64)
     """
     _travelling(state)

@@ -1,4 +1,4 @@
-"""`Rotor`: a symmetric body whose rotation angle about its axis is not computed."""
+"""`SymmetricRotor`: a symmetric body whose rotation angle about its axis is not computed."""
 
 from typing import Any, NamedTuple
 
@@ -38,7 +38,7 @@ class RotorInertia(NamedTuple):
         return cp.norm(self.velocity(momentum))
 
 
-class Rotor(Body):
+class SymmetricRotor(Body):
     """A symmetric body, of which only the direction of the axis and the momentum are computed.
 
     Without torque the axis e rotates about the spatial momentum pi at the rate |pi| / I1, for any moment about the
@@ -56,7 +56,7 @@ class Rotor(Body):
 
     Examples:
         >>> top = ml.AxisState.of(start)
-        >>> path = ml.integrate("SYMMETRIC[EA]", ml.Rotor(5.0), torque, top, dt=0.01, steps=100)
+        >>> path = ml.integrate("SYMMETRIC[EA]", ml.SymmetricRotor(5.0), torque, top, dt=0.01, steps=100)
         >>> path.states.axis.shape
         (101, 3)
     """
@@ -92,7 +92,9 @@ class Rotor(Body):
     @property
     def known_along(self) -> Float[Array, "*batch"]:
         if self.along is None:
-            raise ValueError("this torque needs the moment about the axis of symmetry; write Rotor(moment, along).")
+            raise ValueError(
+                "this torque needs the moment about the axis of symmetry; write SymmetricRotor(moment, along)."
+            )
         return self.along
 
     @property

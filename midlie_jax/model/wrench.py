@@ -25,7 +25,7 @@ class Wrench(eqx.Module):
 
     Examples:
         >>> def engine(t, state):
-        ...     return ml.Wrench(torque=jnp.zeros(3), force=ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0])))
+        ...     return ml.torques.Wrench(torque=jnp.zeros(3), force=ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0])))
         >>> upside_down = ml.FreeState([0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
         >>> engine(0.0, upside_down).force[2]
         Array(-2., dtype=float64)

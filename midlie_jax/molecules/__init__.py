@@ -1,8 +1,9 @@
-"""Molecule files: initial states from files of other programs, and trajectories for OVITO and VMD.
+"""Molecules and rods: bodies from points, forces on their sites, molecule files, elastic rods of coupled bodies.
 
-`read` needs the extra `molecules` (ase), `write_xyz` nothing. Lengths are in nm, times in ps, masses in amu.
+`read` needs the extra `molecules` (ase), `write_xyz` nothing. In files, lengths are in nm, times in ps, masses in
+amu.
 """
 
-from .read import Molecules as Molecules
-from .read import read as read
-from .write import write_xyz as write_xyz
+from .._lazy import names_of
+
+__getattr__, __dir__, __all__ = names_of(__name__, __file__)

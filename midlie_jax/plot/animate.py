@@ -53,10 +53,11 @@ def animate(
     or more frames. A failed run is drawn up to its last good state, and the picture says so.
 
     Args:
-        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
-            for all, a list with one per path, or the bodies of an ensemble.
-        path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
-            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`; for several paths
+            one body for all, a list with one per path, or the bodies of an ensemble.
+        path: a `Path` or `VariableStepPath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
+            `FreeAxisState`), from `integrate`, `integrate_variable_step` or `free_motion`; or a path of coupled bodies.
+            Or
             up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
             up to 500 with `together`.
         file: the GIF to write; an existing file is replaced.

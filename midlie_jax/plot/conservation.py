@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._math import components as cp
+from ..asteroids.mutual_gravity import MutualGravity
 from ..drivers.path import AnyPath
 from ..model import torques
 from ..model.bodies import Body
@@ -82,10 +83,10 @@ def conserved(
 
     Args:
         axes: matplotlib's axes, which get a legend.
-        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`.
         torque: as for `integrate`.
-        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
-            state of one body, or of coupled bodies.
+        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+            with any state of one body, or of coupled bodies.
         colour: the colour of all lines (momenta are dashed); by default blue, vermilion and green.
         label: prefix of the names "energy" and "momentum", for example the name of the method.
 
@@ -291,7 +292,7 @@ ALL: Literal["all"] = "all"
 
 def kept_by(torque: Any) -> Kept | Literal["all"] | None:
     """The component that is conserved under a torque, `ALL`, or None if none is known to be."""
-    if torque is None or isinstance(torque, torques.PointMass | torques.MutualGravity):
+    if torque is None or isinstance(torque, torques.PointMass | MutualGravity):
         return ALL
     if isinstance(torque, torques.HeavyTop):
         return Kept(np.array([0.0, 0.0, 1.0]), "z", "vertical component")

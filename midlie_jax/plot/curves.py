@@ -43,8 +43,8 @@ def axis_path(
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
-        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with
-            states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
+        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+            with states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
             `AxisState` or a `FreeAxisState`; or of coupled bodies.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
             States with only an axis support only this axis, e3.
@@ -172,8 +172,8 @@ def polhode(
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
         body: the body of the path, a `RigidBody` or a `TensorBody`, or a `FreeBody` of one, whose rotation is drawn.
-        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
-            state of a rigid body, or a `FreeState`.
+        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+            with any state of a rigid body, or a `FreeState`.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
         colour: colour of the path, any of matplotlib's.
         label: the name of the path in the legend; by default "momentum" or "angular velocity".
@@ -310,7 +310,7 @@ def track(
 
     Args:
         axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
-        path: a `Path` or `AdaptivePath` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
+        path: a `Path` or `VariableStepPath` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
             coupled bodies.
         colour: colour of the path, any of matplotlib's.
         label: the name of the path in the legend; by default none. For coupled bodies the number is appended.

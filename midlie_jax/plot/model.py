@@ -16,7 +16,7 @@ from ..model import so3
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, Coupled, OrientedState, TravellingState, attitude_of
 from .curves import as_axis, limits_around
 from .motion import Motion, motion_of, path_of_one
@@ -30,7 +30,7 @@ _RESOLVED = np.pi / 2  # radians: up to this rotation between saved states, atti
 _SEEN = 0.11  # length of the drawn axis over the size of the path, if the body must be drawn larger than it is
 _AT_REST = 0.02  # a smaller path, relative to the body, is not shown
 
-Turns = RigidBody | TensorBody | Rotor | FreeBody
+Turns = RigidBody | TensorBody | SymmetricRotor | FreeBody
 Bodies = Turns | Sequence[Turns]
 OnePath = AnyPath[OrientedState]
 Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]

@@ -74,8 +74,8 @@ def poincare(
 
     Args:
         axes: matplotlib's axes; their labels are not set.
-        path: a `Path` or `AdaptivePath` of one body, with at least 4 saved states, from `integrate`,
-            `integrate_adaptive` or `free_motion`, with any state of one body, or of coupled bodies.
+        path: a `Path` or `VariableStepPath` of one body, with at least 4 saved states, from `integrate`,
+            `integrate_variable_step` or `free_motion`, with any state of one body, or of coupled bodies.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` increases along the path, -1 if it decreases, 0 for both.

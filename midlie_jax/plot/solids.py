@@ -15,7 +15,7 @@ from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 
 CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1
 _THINNEST = 0.03  # thickness of a flat or thin body in the picture, relative to its longest side
@@ -45,7 +45,7 @@ class Shape(NamedTuple):
 
 
 def shape_of(body: Any, points: Any = None) -> Shape:
-    """A box with the moments of a rigid body; for a `Rotor` a cylinder, or a rod if only one moment is known.
+    """A box with the moments of a rigid body; for a `SymmetricRotor` a cylinder, or a rod if only one moment is known.
 
     Flat and thin bodies are drawn with some thickness. Points (a, 3) in the frame of the body, such as the atoms of a
     molecule, replace the solid.
@@ -55,13 +55,15 @@ def shape_of(body: Any, points: Any = None) -> Shape:
             gives them their scale.
     """
     turning = body.turning if isinstance(body, FreeBody) else body
-    if not isinstance(turning, RigidBody | TensorBody | Rotor):
-        raise ValueError(f"body must be a RigidBody, a TensorBody or a Rotor, or a FreeBody, got {body_named(body)}.")
+    if not isinstance(turning, RigidBody | TensorBody | SymmetricRotor):
+        raise ValueError(
+            f"body must be a RigidBody, a TensorBody or a SymmetricRotor, or a FreeBody, got {body_named(body)}."
+        )
     if turning.batch:
-        known = "a moment ()" if isinstance(turning, Rotor) else "moments (3,)"
-        shape = turning.batch if isinstance(turning, Rotor) else (*turning.batch, 3)
+        known = "a moment ()" if isinstance(turning, SymmetricRotor) else "moments (3,)"
+        shape = turning.batch if isinstance(turning, SymmetricRotor) else (*turning.batch, 3)
         raise ValueError(f"body must be one body with {known}, got {shape}. Take the row of the body.")
-    solid = _cylinder(turning) if isinstance(turning, Rotor) else _box(turning)
+    solid = _cylinder(turning) if isinstance(turning, SymmetricRotor) else _box(turning)
     if points is None:
         return solid
     sites = np.asarray(as_floats("points", points), float)
@@ -84,7 +86,7 @@ def _box(body: RigidBody | TensorBody) -> Shape:
     return Shape(corners, FACES, False, reach)
 
 
-def _cylinder(body: Rotor) -> Shape:
+def _cylinder(body: SymmetricRotor) -> Shape:
     across, along = float(body.moment), 0.0 if body.along is None else float(body.along)
     radius, half = np.sqrt(2 * along), np.sqrt(max(3 * across - 1.5 * along, 0.0))
     radius, half = max(radius, _THINNEST * half), max(half, _THINNEST * radius)

@@ -20,7 +20,7 @@ from ..drivers.observe import Observe, Statistic
 from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, check_carried
-from ..methods.base import Method
+from ..integrators.base import Method
 from .plan import Arrays, Part, Plan
 from .variables import named, value_leaves
 

@@ -13,7 +13,7 @@ from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
-from ..model.rotor import Rotor
+from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
 from .attributes import unfolded
@@ -42,7 +42,7 @@ class Saved(NamedTuple):
         (4, Array([5., 5., 1.], dtype=float64))
     """
 
-    body: RigidBody | TensorBody | Rotor | FreeBody
+    body: RigidBody | TensorBody | SymmetricRotor | FreeBody
     path: Path[Any]
     title: str
     bodies: int
@@ -177,12 +177,12 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
     def lacks(what: str) -> ValueError:
         return ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")
 
-    def turning(own: str, rotation: type[Any]) -> RigidBody | TensorBody | Rotor:
+    def turning(own: str, rotation: type[Any]) -> RigidBody | TensorBody | SymmetricRotor:
         if issubclass(rotation, AxisState):
             moment = found(f"{own}.moment", 0)
             if moment is None:
                 raise lacks("moment of inertia")
-            return Rotor(moment, found(f"{own}.along", 0))
+            return SymmetricRotor(moment, found(f"{own}.along", 0))
         moments = found(f"{own}.moments", 1)
         moments = found("moments", 1) if moments is None else moments
         if moments is not None:

@@ -21,7 +21,7 @@ from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_bat
 from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, carried_on
-from ..methods.base import Method
+from ..integrators.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike

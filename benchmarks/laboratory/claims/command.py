@@ -9,13 +9,13 @@ from pathlib import Path
 from midlie_jax._xla.platform import cores
 from midlie_jax.cli import chosen
 from midlie_jax.cli.tables import progress_bar, require, show_table
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.flights import FLIGHTS
-from midlie_jax.methods.registry import ENTRIES
-from midlie_jax.methods.registry import method as find_method
-from midlie_jax.methods.runge_kutta import RK4
-from midlie_jax.methods.schemes import SCHEMES
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.flights import FLIGHTS
+from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.registry import method as find_method
+from midlie_jax.integrators.runge_kutta import RK4
+from midlie_jax.integrators.schemes import SCHEMES
+from midlie_jax.integrators.splitting import Splitting
 from midlie_jax.model.bodies import RigidBody
 
 from . import page, picture

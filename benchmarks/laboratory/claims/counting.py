@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.system import System
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.system import System
 from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.states import RigidState
 from midlie_jax.model.torques import Torque

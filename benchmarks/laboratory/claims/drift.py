@@ -13,7 +13,7 @@ import numpy as np
 
 from midlie_jax.cli.scenes import scene
 from midlie_jax.drivers.integrate import integrate
-from midlie_jax.methods.base import Method
+from midlie_jax.integrators.base import Method
 from midlie_jax.model.observables import energy
 from midlie_jax.model.states import RigidState
 

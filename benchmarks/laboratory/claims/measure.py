@@ -18,9 +18,9 @@ from midlie_jax.advice.program import Program
 from midlie_jax.cli import chosen
 from midlie_jax.cli.oracle import exact_motion
 from midlie_jax.cli.scenes import perturbed, scene
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.registry import method as find_method
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.registry import method as find_method
+from midlie_jax.integrators.splitting import Splitting
 from midlie_jax.model import so3
 from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.states import RigidState
@@ -209,7 +209,7 @@ class _Runs:
         self.free = bodies[:TOPS], momentum[:TOPS], attitude[:TOPS]
         every_body = np.concatenate([self.moments[None], bodies[:TOPS], [[5.0, 5.0, 1.0]]])
         self.runner = Runner(method, RigidBody(jnp.asarray(every_body)), _BLOCK)
-        self.weight = float(scene("asymmetric-top").torque.weight)  # pyright: ignore
+        self.weight = float(scene("asymmetric-top").torque.mgl)  # pyright: ignore
 
     def rows(self, moments: Any, weight: Any, start: RigidState, dt: Any) -> Rows:
         full = [jnp.broadcast_to(jnp.asarray(x, float), (ROWS,)) for x in (weight, dt)]

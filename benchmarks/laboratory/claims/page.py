@@ -6,7 +6,7 @@ from pathlib import Path
 from harness import REPORTS, compact, link, part, put, save, table
 from harness import cells as cells_of
 
-from midlie_jax.methods.base import Method
+from midlie_jax.integrators.base import Method
 
 from .measure import Measured
 from .verdicts import DECLARED, RANK, Verdict, paper_verdicts, published_verdicts, registry_verdicts, trend

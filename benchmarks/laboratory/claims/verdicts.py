@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.registry import ENTRIES
-from midlie_jax.methods.splitting import Splitting
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.splitting import Splitting
 
 from .drift import EIGHTHS, Drift
 from .measure import Measured

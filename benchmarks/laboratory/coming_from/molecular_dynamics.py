@@ -38,7 +38,7 @@ _OUR_REPLICAS = f"""
 starts = jax.vmap(lambda shift: ml.CoupledState(rest, q, rest, corners + shift))(shifts)
 
 path = ml.ensemble("JACOBI[EA]", body, force, starts, dt=2.0**-9, steps=1024, save_every=32)
-sites = jax.jit(ml.sites)(path.states, places)
+sites = jax.jit(ml.molecules.sites)(path.states, places)
 """
 
 

@@ -32,7 +32,7 @@ energy = np.sum(moments * w * w, axis=-1) / 2 + 0.3 * 9.81 * 0.04 * height
 """
 LONG_RIGHT = """
 long = ml.integrate("JACOBI[SRKN6b]", body, torque, start, dt=0.01, steps=100_000, save_every=100)
-energy = ml.energy(body, torque, long)
+energy = ml.observe.energy(body, torque, long)
 """
 # What a loop in Python pays for each step.
 STEP_LEFT = """

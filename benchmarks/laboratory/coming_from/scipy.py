@@ -19,7 +19,7 @@ tip = w * w + z * z - x * x - y * y
 energy = (A * p * p + B * q * q + C * r * r) / 2 + weight * tip / (run.y[3:] ** 2).sum(0)
 """
 _RIGHT = """
-energy = ml.energy(body, torque, path)
+energy = ml.observe.energy(body, torque, path)
 """
 
 

@@ -67,7 +67,7 @@ def _debye(t: Any) -> Any:
 
 
 def measured() -> tuple[Correlation, Correlation]:
-    velocity = _measured(WEAK, ml.observe.AngularVelocity(), 0.05, 6, 1)
+    velocity = _measured(WEAK, ml.observe.angular_velocity, 0.05, 6, 1)
     direction = _measured(STRONG, ml.observe.Axis(), 0.125 / STRONG, 240, 2)
     return (
         Correlation("velocity", WEAK, *velocity, lambda t: 3 * np.exp(-WEAK * t)),

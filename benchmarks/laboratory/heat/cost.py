@@ -27,7 +27,7 @@ def _states(kind: str, dtype: Any) -> tuple[Any, Any]:
     state = ml.RigidState(momentum, attitude / jnp.linalg.norm(attitude, axis=-1, keepdims=True))
     body = ml.RigidBody(jnp.asarray([1.0, 1.0, 0.5], dtype))
     if kind == "AxisState":
-        return ml.Rotor(jnp.asarray(1.0, dtype), jnp.asarray(0.5, dtype)), ml.AxisState.of(state)
+        return ml.SymmetricRotor(jnp.asarray(1.0, dtype), jnp.asarray(0.5, dtype)), ml.AxisState.of(state)
     if kind == "FreeState":
         free = ml.FreeBody(body, jnp.asarray(1.0, dtype))
         return free, ml.FreeState(state.momentum, state.attitude, numbers(3), numbers(3))

@@ -21,7 +21,7 @@ def rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
     if not (isinstance(scene.torque, torques.HeavyTop) and scene.torque.axis == (0.0, 0.0, 1.0)):
         raise ValueError(f"scene {scene.name!r} is an axis, for which the rivals have the torque HeavyTop alone.")
     body: Any = scene.body
-    moment, weight = float(body.moment), float(scene.torque.weight)
+    moment, weight = float(body.moment), float(scene.torque.mgl)
 
     def field(state: Any, place: Any = None) -> tuple[Any, ...]:
         del place

@@ -14,6 +14,7 @@ from midlie_jax.cli.scenes import Scene
 from midlie_jax.model import torques
 from midlie_jax.model.orbits import KeplerOrbit
 from midlie_jax.model.states import RigidState
+from midlie_jax.spacecraft.gravity_gradient import GravityGradient
 
 from .kind import Kind
 from .vectors import Vector, cross, matrices, rows, turning
@@ -50,7 +51,7 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
     if field is None:
         return lambda q, place: (None, None, None)
     if isinstance(field, torques.HeavyTop) and field.axis == (0.0, 0.0, 1.0):
-        weight = float(field.weight)
+        weight = float(field.mgl)
 
         def heavy_top(q: Any, place: Vector | None) -> tuple[Any, Any, Any]:
             del place
@@ -58,7 +59,7 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
             return weight * (2 * (y * z + w * x)), weight * (-2 * (x * z - w * y)), None
 
         return heavy_top
-    if isinstance(field, torques.GravityGradient) and isinstance(field.orbit, KeplerOrbit):
+    if isinstance(field, GravityGradient) and isinstance(field.orbit, KeplerOrbit):
         a, b, c = np.asarray(scene.body.moments).tolist()
         strength = 3 * _rate(field.orbit) ** 2
 
@@ -81,7 +82,7 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
 
 def orbit_of(scene: Scene) -> KeplerOrbit | None:
     """The orbit of the torque, or None if it has none."""
-    orbit = scene.torque.orbit if isinstance(scene.torque, torques.GravityGradient) else None
+    orbit = scene.torque.orbit if isinstance(scene.torque, GravityGradient) else None
     return orbit if isinstance(orbit, KeplerOrbit) else None
 
 

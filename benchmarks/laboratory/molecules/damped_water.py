@@ -53,17 +53,17 @@ class DampedPairs(ml.torques.Torque):
     damping: float = eqx.field(static=True, default=2.0)
     single: bool = eqx.field(static=True, default=False)
 
-    def __call__(self, t: Any, state: Any) -> ml.Wrench:
+    def __call__(self, t: Any, state: Any) -> ml.torques.Wrench:
         sums = self._summed(state, self.single, with_energy=False)
         forces = jnp.stack([jnp.stack(site, axis=-1) for site in sums[:-1]], axis=1)
-        return ml.wrench_on_sites(state, self.points, forces.astype(state.position.dtype))
+        return ml.molecules.wrench_on_sites(state, self.points, forces.astype(state.position.dtype))
 
     def potential(self, t: Any, state: Any) -> Array:
         return jnp.sum(self._summed(state, single=False, with_energy=True)[-1][0]) / 2  # a pair is in two lists
 
     def _summed(self, state: Any, single: bool, with_energy: bool) -> list[list[Array]]:
         """The components of the force on each site, and last the energy of each molecule; arrays of (N,)."""
-        places = ml.sites(state, self.points)
+        places = ml.molecules.sites(state, self.points)
         reach = self.neighbours.cutoff_now(places, self.cutoff)
         places = jnp.moveaxis(places / self.box, 0, -1)  # (a, 3, N) in units of the box
         if single:  # as whole numbers, whose differences wrap around as the box does

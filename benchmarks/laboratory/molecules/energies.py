@@ -79,7 +79,7 @@ def places_apart(length: float = 0.1) -> float:
     state, _ = next(motion("JACOBI[SRKN6b]", start, edge, 1e-3, round(1e3 * length), skin=edge))
     with Waters(start, 0.1, edge) as run:
         run.run(round(1e4 * length), prepare=True)
-        difference = run.places() - np.asarray(ml.sites(state, water.POINTS))
+        difference = run.places() - np.asarray(ml.molecules.sites(state, water.POINTS))
     return float(np.max(np.linalg.norm(difference, axis=-1)))
 
 

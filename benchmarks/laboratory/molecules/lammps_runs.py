@@ -108,7 +108,7 @@ def site_velocities(state: ml.CoupledState) -> np.ndarray:
     """(N, a, 3), in nm/ps."""
     body = water.molecules(state.count)
     spin = np.asarray(ml.so3.rotate(state.attitude, body.velocity(state.momentum)))
-    arms = np.asarray(ml.sites(state, water.POINTS)) - np.asarray(state.position)[:, None]
+    arms = np.asarray(ml.molecules.sites(state, water.POINTS)) - np.asarray(state.position)[:, None]
     return np.asarray(state.linear / body.mass[:, None])[:, None] + np.cross(spin[:, None], arms)
 
 
@@ -132,7 +132,7 @@ def centre_and_attitude(places: np.ndarray, molecule: int) -> tuple[np.ndarray, 
 
 def _data(start: ml.CoupledState, edge: float | None) -> str:
     """The molecules in the format of LAMMPS' `read_data`."""
-    places, speeds = 10 * np.asarray(ml.sites(start, water.POINTS)), 0.01 * site_velocities(start)
+    places, speeds = 10 * np.asarray(ml.molecules.sites(start, water.POINTS)), 0.01 * site_velocities(start)
     low, high = (0.0, 10 * edge) if edge else (-50.0, 50.0)
     image = np.floor((places - low) / (high - low)).astype(int) if edge else np.zeros(places.shape, int)
     places = places - image * (high - low)

@@ -35,7 +35,7 @@ class Dimer:
         system.addForce(force)
         self.integrator = openmm.VerletIntegrator(step)
         self.context = openmm.Context(system, self.integrator, openmm.Platform.getPlatformByName("Reference"))
-        self.context.setPositions(np.asarray(ml.sites(start, water.POINTS)).reshape(-1, 3))
+        self.context.setPositions(np.asarray(ml.molecules.sites(start, water.POINTS)).reshape(-1, 3))
         self.context.setVelocities(site_velocities(_half_a_step_early(start, step)).reshape(-1, 3))
 
     def run(self, steps: int) -> None:

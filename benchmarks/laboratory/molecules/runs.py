@@ -12,8 +12,8 @@ from .damped_water import DampedPairs
 from .neighbours import neighbour_list
 
 CUTOFF = 0.9
-_places = jax.jit(ml.sites)
-_energy = jax.jit(ml.energy)
+_places = jax.jit(ml.molecules.sites)
+_energy = jax.jit(ml.observe.energy)
 
 
 def motion(

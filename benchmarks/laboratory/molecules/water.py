@@ -18,7 +18,7 @@ CHARGES = (-0.8476, 0.4238, 0.4238)
 SIGMAS, EPSILONS = (0.3166, 0.0, 0.0), (0.650, 0.0, 0.0)
 _HALF = np.deg2rad(109.4712206) / 2
 PLACES = 0.1 * np.array([[0, 0, 0], [np.sin(_HALF), 0, np.cos(_HALF)], [-np.sin(_HALF), 0, np.cos(_HALF)]])
-BODY, POINTS = ml.from_points(MASSES, PLACES)
+BODY, POINTS = ml.molecules.from_points(MASSES, PLACES)
 MOMENTS = jnp.array(BODY.inertia().rotation.moments)
 # The principal axes in that frame are x, -z and y; this takes components along them to x, y, z.
 FRAME = jnp.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
@@ -58,7 +58,7 @@ DIMER_ATTITUDE = np.array([0.00491685, 0.90134910, 0.41820523, 0.11247224])
 def dimer_energy(t: Any, state: Any) -> Array:
     """The potential energy of two molecules without a cut-off."""
     del t
-    first, second = ml.sites(state, POINTS)
+    first, second = ml.molecules.sites(state, POINTS)
     difference = first[:, None, :] - second[None, :, :]
     distance = jnp.sqrt(jnp.sum(difference**2, axis=-1))
     sixth = (SIGMAS[0] / distance[0, 0]) ** 6

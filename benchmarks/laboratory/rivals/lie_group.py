@@ -14,8 +14,8 @@ from jax import Array
 from midlie_jax._math import components as cp
 from midlie_jax._math.short_series import LARGEST_SQUARE, half_turn
 from midlie_jax._xla.fusion import fuse
-from midlie_jax.methods.base import Method
-from midlie_jax.methods.system import AnyMotion, Motion, System
+from midlie_jax.integrators.base import Method
+from midlie_jax.integrators.system import AnyMotion, Motion, System
 from midlie_jax.model.bodies import RigidBody
 
 from .problem import Point, Problem

@@ -25,7 +25,7 @@ def model(scene: Scene, integrator: str) -> Any:
     """MuJoCo's model of the body."""
     mujoco = program("mujoco")
 
-    weight = 0.0 if scene.torque is None else float(scene.torque.weight)  # pyright: ignore
+    weight = 0.0 if scene.torque is None else float(scene.torque.mgl)  # pyright: ignore
     mj_model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option integrator="{integrator}" gravity="0 0 {-weight / _LEVER!r}">
         <flag contact="disable" energy="disable"/></option>

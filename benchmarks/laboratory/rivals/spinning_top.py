@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.model.bodies import RigidBody
-from midlie_jax.model.rotor import Rotor
+from midlie_jax.model.rotor import SymmetricRotor
 
 from ..kinds.axis import SPINNING
 from . import heyoka_taylor
@@ -35,5 +35,5 @@ def whole(problem: Problem) -> Problem:
 
 def measure(problem: Problem) -> Iterator[Point]:
     """A point for each tolerance; none where the state is not an axis."""
-    if isinstance(problem.scene.body, Rotor):
+    if isinstance(problem.scene.body, SymmetricRotor):
         yield from heyoka_taylor.measure(whole(problem), label=LABEL)

@@ -17,10 +17,10 @@ METHODS = "SUBLATTICES[EA]", "SUBLATTICES[KL6]", "spherical midpoint", "Lie midp
 
 def errors(method: str, dt: float, *, spins: int = SPINS, time: float = TIME) -> tuple[float, float, float]:
     """The largest errors in a run of energy and total spin, each over the number of spins, and of a length."""
-    body, field, start = ml.Spins(), ml.torques.Exchange(-1.0), random((spins,), 0)
+    body, field, start = ml.spins.Spins(), ml.spins.Exchange(-1.0), random((spins,), 0)
     path = ml.integrate(method, body, field, start, dt=dt, steps=round(time / dt))
     assert bool(jnp.all(path.ok))
-    energy = np.asarray(ml.energy(body, field, path))
+    energy = np.asarray(ml.observe.energy(body, field, path))
     spin = np.asarray(path.states.spin)
     total = np.linalg.norm(spin.sum(axis=1) - spin[0].sum(axis=0), axis=-1)
     lengths = np.abs(np.linalg.norm(spin, axis=-1) - 1)

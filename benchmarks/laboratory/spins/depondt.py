@@ -11,9 +11,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from midlie_jax._math.turns import turned
 from midlie_jax._xla.compiler import compiler_options
 from midlie_jax._xla.fusion import split
+from midlie_jax.spins.turns import turned
 
 
 def _exchange(spin: Any) -> Any:

@@ -36,9 +36,9 @@ def _end(method: str, shape: tuple[int, ...]) -> Any:
 
     def end(across: Any, dt: Any) -> Any:
         along = jnp.sqrt(1 - jnp.sum(across**2, axis=-1, keepdims=True))
-        start = ml.SpinState.unchecked(spin=jnp.concatenate([across, along], axis=-1))
-        field = ml.torques.Exchange(EXCHANGE)
-        run = ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=1, adjoint=ml.Forward())
+        start = ml.spins.SpinState.unchecked(spin=jnp.concatenate([across, along], axis=-1))
+        field = ml.spins.Exchange(EXCHANGE)
+        run = ml.integrate(method, ml.spins.Spins(), field, start, dt=dt, steps=1, adjoint=ml.Forward())
         return run.states.spin[-1, ..., :2], run.ok
 
     return jax.jit(lambda dt: jax.jacfwd(lambda x: end(x, dt), has_aux=True)(jnp.zeros((*shape, 2))))
@@ -113,8 +113,8 @@ def peaks(method: str, spins: int = SPINS, steps: int = STEPS) -> Peaks:
     """From weak white noise on the ferromagnetic chain; S+ = Sx + i Sy turns as exp(i w t)."""
     across = NOISE * np.random.default_rng(0).normal(size=(spins, 2))
     spin = np.concatenate([across, np.sqrt(1 - np.sum(across**2, axis=1, keepdims=True))], axis=1)
-    start, field = ml.SpinState(jnp.asarray(spin)), ml.torques.Exchange(EXCHANGE)
-    path = ml.integrate(method, ml.Spins(), field, start, dt=DT, steps=steps)
+    start, field = ml.spins.SpinState(jnp.asarray(spin)), ml.spins.Exchange(EXCHANGE)
+    path = ml.integrate(method, ml.spins.Spins(), field, start, dt=DT, steps=steps)
     assert bool(jnp.all(path.ok))
     x, y, _ = np.moveaxis(np.asarray(path.states.spin[:-1]), -1, 0)
     by_wave = np.fft.fftshift(np.fft.fft(x + 1j * y, axis=1), axes=1)

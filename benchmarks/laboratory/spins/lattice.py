@@ -30,12 +30,12 @@ def _copy(spin: Any, steps: int) -> Compiled:
     return compiled(whole, parts, bodies=spin.size // 3)
 
 
-def _ours(method: str, start: ml.SpinState, steps: int) -> Callable[[], Any]:
-    field = ml.torques.Exchange(jnp.ones((), start.spin.dtype))
+def _ours(method: str, start: ml.spins.SpinState, steps: int) -> Callable[[], Any]:
+    field = ml.spins.Exchange(jnp.ones((), start.spin.dtype))
     dt = jnp.asarray(0.05, start.spin.dtype)
 
     def run() -> Any:
-        return ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=steps, save_every=None).states.spin
+        return ml.integrate(method, ml.spins.Spins(), field, start, dt=dt, steps=steps, save_every=None).states.spin
 
     return run
 
@@ -45,7 +45,7 @@ def rows(shapes: tuple[tuple[int, ...], ...] = SHAPES, rounds: int = 5) -> list[
     found: list[tuple[str, ...]] = []
     for shape in shapes:
         for dtype in ("float64", "float32"):
-            start = ml.SpinState(random(shape, 1).spin.astype(dtype))
+            start = ml.spins.SpinState(random(shape, 1).spin.astype(dtype))
             spin, dt = start.spin, jnp.asarray(0.05, dtype)
             steps = max(LEAST, UPDATES // math.prod(shape))
 

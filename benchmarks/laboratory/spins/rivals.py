@@ -47,8 +47,8 @@ class Rung(NamedTuple):
     step_cost: float
 
 
-def _ours(method: str, start: ml.SpinState, dt: float, steps: int) -> Callable[[], Any]:
-    field, body = ml.torques.Exchange(1.0), ml.Spins()
+def _ours(method: str, start: ml.spins.SpinState, dt: float, steps: int) -> Callable[[], Any]:
+    field, body = ml.spins.Exchange(1.0), ml.spins.Spins()
 
     def run() -> Any:
         path = ml.integrate(method, body, field, start, dt=dt, steps=steps, save_every=steps)
@@ -57,11 +57,11 @@ def _ours(method: str, start: ml.SpinState, dt: float, steps: int) -> Callable[[
     return run
 
 
-def _jax(start: ml.SpinState, dt: float, steps: int) -> Callable[[], Any]:
+def _jax(start: ml.spins.SpinState, dt: float, steps: int) -> Callable[[], Any]:
     return lambda: jax.block_until_ready((depondt.run(start.spin, dt, steps), True))
 
 
-def _spirit(own: Any, method: str, start: ml.SpinState, dt: float, steps: int) -> Callable[[], Any]:
+def _spirit(own: Any, method: str, start: ml.spins.SpinState, dt: float, steps: int) -> Callable[[], Any]:
     run = spirit_runs.runner(own, method, np.asarray(start.spin), dt, steps)
     return lambda: (run(), True)
 

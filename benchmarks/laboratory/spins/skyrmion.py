@@ -47,31 +47,29 @@ def _torque(size: int, gradient: float) -> Any:
     field = np.zeros((size, size, 3))
     field[..., 2] = FIELD + gradient * size / (2 * math.pi) * np.sin(_angle_of(size))[:, None]
     vectors = DMI * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z x bond
-    return (
-        ml.torques.Exchange(J) + ml.torques.DzyaloshinskiiMoriya(vectors) + ml.torques.AppliedField(jnp.asarray(field))
-    )
+    return ml.spins.Exchange(J) + ml.spins.DzyaloshinskiiMoriya(vectors) + ml.spins.AppliedField(jnp.asarray(field))
 
 
-def guess(size: int) -> ml.SpinState:
+def guess(size: int) -> ml.spins.SpinState:
     """Spins down in the middle, which turn outwards and up within a few places."""
     x, y = (np.arange(size) - (size - 1) / 2 for _ in range(2))
     x, y = np.meshgrid(x, y, indexing="ij")
     theta = 4 * np.arctan(np.exp(-np.hypot(x, y) / 5))
     azimuth = np.arctan2(y, x)
     spin = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1)
-    return ml.SpinState(jnp.asarray(spin))
+    return ml.spins.SpinState(jnp.asarray(spin))
 
 
 def measured(size: int = SIZE, time: float = TIME, frames: int = FRAMES, method: str = METHOD) -> Moved:
     """Relaxed in the uniform field, then driven."""
     relaxing = round(RELAXED / DT)
     still = ml.integrate(
-        method, ml.Spins(RELAXING), _torque(size, 0.0), guess(size), dt=DT, steps=relaxing, save_every=relaxing
+        method, ml.spins.Spins(RELAXING), _torque(size, 0.0), guess(size), dt=DT, steps=relaxing, save_every=relaxing
     )
-    start = ml.SpinState(still.states.spin[-1]).normalised()
+    start = ml.spins.SpinState(still.states.spin[-1]).normalised()
     every = max(1, round(time / DT) // frames)
     path = ml.integrate(
-        method, ml.Spins(MOVING), _torque(size, GRADIENT), start, dt=DT, steps=every * frames, save_every=every
+        method, ml.spins.Spins(MOVING), _torque(size, GRADIENT), start, dt=DT, steps=every * frames, save_every=every
     )
     assert bool(jnp.all(still.ok))
     assert bool(jnp.all(path.ok))

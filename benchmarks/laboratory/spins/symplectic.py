@@ -46,7 +46,7 @@ CASES = [*(Case(ONE, method) for method in METHODS[:2]), *(Case(COUPLED, method)
 def _field(system: str) -> Any:
     if system == ONE:
         return ml.torques.FromPotential(lambda t, state: jnp.sum(HALVES * state.spin**2))
-    return ml.torques.Exchange(1.0, periodic=False)
+    return ml.spins.Exchange(1.0, periodic=False)
 
 
 def _basis(spin: np.ndarray) -> np.ndarray:
@@ -64,11 +64,11 @@ def defects(case: Case, steps: Sequence[float] = STEPS, starts: int = STARTS) ->
 
     NaN where an implicit method finds no solution from some start.
     """
-    field, body = _field(case.system), ml.Spins()
+    field, body = _field(case.system), ml.spins.Spins()
     shape = () if case.system == ONE else (4,)
 
     def end(spin: Any, dt: Any) -> Any:
-        start = ml.SpinState.unchecked(spin=spin)
+        start = ml.spins.SpinState.unchecked(spin=spin)
         run = ml.integrate(case.method, body, field, start, dt=dt, steps=1, adjoint=ml.Forward())
         return run.states.spin[-1], (run.states.spin[-1], run.ok)
 

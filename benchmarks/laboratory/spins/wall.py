@@ -75,14 +75,14 @@ def found(field: float, *, method: str = METHOD, spins: int = SPINS, time: float
     along, across = np.cos(azimuth) * np.sin(theta), np.sin(azimuth) * np.sin(theta)
     start = np.stack([along, across, np.cos(theta)], axis=-1)
     torque = (
-        ml.torques.Exchange(J, periodic=False)
-        + ml.torques.Anisotropy(EASY)
-        + ml.torques.Anisotropy(-HARD, (1.0, 0.0, 0.0))
-        + ml.torques.AppliedField(jnp.array([0.0, 0.0, field]))
+        ml.spins.Exchange(J, periodic=False)
+        + ml.spins.Anisotropy(EASY)
+        + ml.spins.Anisotropy(-HARD, (1.0, 0.0, 0.0))
+        + ml.spins.AppliedField(jnp.array([0.0, 0.0, field]))
     )
     every = max(1, round(time / DT) // saved)
     run: Any = {"dt": DT, "steps": every * saved, "save_every": every}
-    path = ml.integrate(method, ml.Spins(DAMPING), torque, ml.SpinState(jnp.asarray(start)), **run)
+    path = ml.integrate(method, ml.spins.Spins(DAMPING), torque, ml.spins.SpinState(jnp.asarray(start)), **run)
     assert bool(jnp.all(path.ok))
     spin = np.asarray(path.states.spin)
     where = spin[..., 2].sum(axis=1) / 2

@@ -17,11 +17,6 @@ from .arguments import as_observe_of_one as as_observe_of_one
 from .arguments import observe_state as observe_state
 from .autocorrelation import Autocorrelation as Autocorrelation
 from .autocorrelation import Correlation as Correlation
-from .brightness import Brightness as Brightness
-from .brightness import Lambert as Lambert
-from .brightness import LommelSeeliger as LommelSeeliger
-from .brightness import Scattering as Scattering
-from .ellipsoid import EllipsoidBrightness as EllipsoidBrightness
 from .observables import Function as Function
 from .observables import Observable as Observable
 from .observables import Together as Together

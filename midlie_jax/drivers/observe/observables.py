@@ -57,7 +57,7 @@ class Together(Observable):
         parts: the observables by name.
 
     Examples:
-        >>> both = ml.observe.Together({"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})
+        >>> both = ml.observe.Together({"energy": ml.observe.energy, "axis": ml.observe.Axis()})
         >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
         >>> found = both.of(jnp.array(0.0), state, body, None)  # as observe of a run, or the dict alone
         >>> round(float(found["energy"]), 6), found["axis"].shape
@@ -81,7 +81,7 @@ def as_observable(name: str, value: Any) -> Observable:
         ValueError: it is none of these.
 
     Examples:
-        >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})
+        >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.energy, "axis": ml.observe.Axis()})
         >>> both.parts["energy"]
         Energy()
         >>> isinstance(ml.observe.as_observable("observe", lambda t, state: state.momentum[2]), ml.observe.Function)
@@ -95,6 +95,6 @@ def as_observable(name: str, value: Any) -> Observable:
         require_function(name, value, "t, state")
         return Function(value)
     raise ValueError(
-        f"{name} must be a function of (t, state), an observable such as midlie_jax.observe.Energy(), or a dict of "
+        f"{name} must be a function of (t, state), an observable such as midlie_jax.observe.energy, or a dict of "
         f"these by name, got {described(value)}."
     )

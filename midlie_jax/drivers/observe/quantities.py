@@ -9,12 +9,12 @@ from jax import Array
 
 from ..._checks.arguments import shown
 from ..._math import components as cp
+from ...asteroids.tumbling_motion import Tumble, tumble
 from ...model import observables, so3
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.states import AxisState, FreeAxisState, attitude_of
 from ...model.torques import TorqueLike
-from ...model.tumbling import Tumble, tumble
 from .observables import Observable
 
 
@@ -27,7 +27,7 @@ class Energy(Observable):
     Examples:
         >>> body, torque = ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0)
         >>> state = ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> round(float(ml.observe.Energy().of(jnp.array(0.0), state, body, torque)), 6)  # in a run: as observe
+        >>> round(float(ml.observe.energy.of(jnp.array(0.0), state, body, torque)), 6)  # in a run: as observe
         3.25
     """
 
@@ -74,7 +74,7 @@ class SpatialMomentum(Observable):
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
         >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
-        >>> ml.observe.SpatialMomentum().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
+        >>> ml.observe.spatial_momentum.of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
         5.0
     """
 
@@ -87,7 +87,7 @@ class AngularVelocity(Observable):
 
     Examples:
         >>> body, state = ml.RigidBody([2.0, 3.0, 4.0]), ml.RigidState([2.0, 6.0, 12.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.observe.AngularVelocity().of(jnp.array(0.0), state, body, None)  # in a run: as observe
+        >>> ml.observe.angular_velocity.of(jnp.array(0.0), state, body, None)  # in a run: as observe
         Array([1., 2., 3.], dtype=float64)
     """
 
@@ -129,11 +129,11 @@ class EulerAngles(Observable):
 
 
 class Tumbling(Observable):
-    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, periods, effective rate, pole and phases.
+    """How the body tumbles, a `midlie_jax.asteroids.Tumble`: mode, energy ratio, periods, effective rate, pole and phases.
 
     Examples:
         >>> body, state = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], [1.0, 0.0, 0.0, 0.0])
-        >>> tumble = ml.observe.Tumbling().of(jnp.array(0.0), state, body, None)  # in a run: as observe
+        >>> tumble = ml.asteroids.tumble.of(jnp.array(0.0), state, body, None)  # in a run: as observe
         >>> bool(tumble.short_axis), round(float(tumble.rotation_period), 3), tumble.pole.shape
         (False, 12.348, (3,))
     """
@@ -151,7 +151,7 @@ class Position(Observable):
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
         >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
-        >>> ml.observe.Position().of(jnp.array(0.0), state, ball, None)  # in a run: as observe
+        >>> ml.observe.position.of(jnp.array(0.0), state, ball, None)  # in a run: as observe
         Array([1., 2., 3.], dtype=float64)
     """
 
@@ -169,9 +169,9 @@ class Velocity(Observable):
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
         >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
-        >>> ml.observe.Velocity().of(jnp.array(0.0), state, ball, None)  # in a run: as observe
+        >>> ml.observe.linear_velocity.of(jnp.array(0.0), state, ball, None)  # in a run: as observe
         Array([2., 0., 1.], dtype=float64)
     """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.velocity(body, state)
+        return observables.linear_velocity(body, state)

@@ -74,7 +74,7 @@ class Moments(NamedTuple):
 
     Examples:
         >>> energies = jnp.array([1.0, 2.0, 6.0])  # of three bodies
-        >>> found = ml.observe.Mean(ml.observe.Energy()).part(energies, good=jnp.array([True, True, True]))
+        >>> found = ml.observe.Mean(ml.observe.energy).part(energies, good=jnp.array([True, True, True]))
         >>> found.mean, found.covariance  # of one number, m = 1
         (Array([3.], dtype=float64), Array([[7.]], dtype=float64))
     """

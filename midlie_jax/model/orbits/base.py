@@ -54,7 +54,7 @@ class Orbit(eqx.Module):
 
         z points to the origin of the orbit (nadir), y against the orbital angular momentum, and x completes the frame;
         on a circle x is the direction of flight. This frame is called LVLH in CCSDS messages. As a target of
-        `midlie_jax.torques.PDControl` it gives nadir pointing.
+        `midlie_jax.spacecraft.PDControl` it gives nadir pointing.
 
         Examples:
             >>> orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)

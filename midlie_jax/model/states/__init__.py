@@ -20,7 +20,6 @@ from .particles import ParticleState as ParticleState
 from .rigid import RigidState as RigidState
 from .rigid import attitude_of as attitude_of
 from .rigid import with_attitude as with_attitude
-from .spin import SpinState as SpinState
 
 # States that hold the angular momentum and an axis of the body in space.
 OrientedState = RigidState | AxisState | TravellingState

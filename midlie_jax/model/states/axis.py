@@ -12,7 +12,7 @@ from ..._math import components as cp
 from .. import so3
 from ..kind import Leaves
 from ..leaf import Described, needs_attitude
-from ..rotor import Rotor
+from ..rotor import SymmetricRotor
 from ..state import State
 from .length import length_correction
 from .rigid import RigidState
@@ -127,13 +127,13 @@ class AxisState(State):
         >>> top = ml.AxisState.of(start)
         >>> top.momentum.round(4), top.axis.round(4)  # both in space
         (Array([  0.    , -14.776 ,  47.7668], dtype=float64), Array([ 0.    , -0.2955,  0.9553], dtype=float64))
-        >>> ml.kinetic_energy(ml.Rotor(5.0), top).round(4)  # without the constant of the spin
+        >>> ml.observe.kinetic_energy(ml.SymmetricRotor(5.0), top).round(4)  # without the constant of the spin
         Array(250., dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]
     axis: Float[Array, "*batch 3"]
-    body: ClassVar[type] = Rotor
+    body: ClassVar[type] = SymmetricRotor
     leaves: ClassVar[Leaves] = (Axis,)
 
     def __init__(self, momentum: Any, axis: Any):
@@ -149,7 +149,9 @@ class AxisState(State):
         axis, velocity = cp.vector(state.axis), cp.vector(as_floats("velocity", velocity, (3,)))
         spin = cp.dot(axis, velocity)
         if body.along is None and (cp.is_traced(spin) or np.any(abs(np.asarray(spin)) > _NO_SPIN * cp.norm(velocity))):
-            raise ValueError("velocity has a part along the axis, the spin. Give its moment, Rotor(moment, along).")
+            raise ValueError(
+                "velocity has a part along the axis, the spin. Give its moment, SymmetricRotor(moment, along)."
+            )
         along = jnp.zeros_like(body.moment) if body.along is None else body.along
         momentum = cp.add(cp.vector(state.momentum), cp.scale((along - body.moment) * spin, axis))
         return cls(cp.pack(momentum), state.axis)

@@ -143,8 +143,8 @@ class CoupledState(Coupled, FreeState):
         >>> still, upright = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
         >>> places = jnp.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
         >>> start = ml.CoupledState(still, upright, linear=still, position=places)
-        >>> body, gravity = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=4.0), ml.torques.MutualGravity(1.0)
-        >>> ml.energy(body, gravity, start).round(2)  # -4 x 4 / 10
+        >>> body, gravity = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=4.0), ml.asteroids.MutualGravity(1.0)
+        >>> ml.observe.energy(body, gravity, start).round(2)  # -4 x 4 / 10
         Array(-1.61, dtype=float64)
         >>> start.of_body(1).position
         Array([10.,  0.,  0.], dtype=float64)
@@ -172,7 +172,7 @@ class CoupledRigidState(Coupled, RigidState):
         ...     tips = ml.so3.to_matrix(state.attitude)[:, :, 2]  # the third axis of each, in space
         ...     return jnp.sum((tips[1] - tips[0]) ** 2)
         >>> tops = ml.CoupledRigidState(jnp.full((2, 3), 0.5), jnp.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0]]))
-        >>> ml.energy(ml.RigidBody([1.0, 1.0, 0.5]), ml.torques.FromPotential(spring), tops).round(4)
+        >>> ml.observe.energy(ml.RigidBody([1.0, 1.0, 0.5]), ml.torques.FromPotential(spring), tops).round(4)
         Array(2.44, dtype=float64)
     """
 
@@ -183,7 +183,8 @@ class CoupledRigidState(Coupled, RigidState):
 class CoupledAxisState(Coupled, AxisState):
     """N coupled symmetric bodies that rotate, each about a fixed point, such as dipoles: 6 N numbers.
 
-    The function returns the torques (N, 3) in the space frame. The body is a `Rotor` with moments (N,), or one for all.
+    The function returns the torques (N, 3) in the space frame. The body is a `SymmetricRotor` with moments (N,), or one
+    for all.
 
     Attributes:
         momentum: angular momenta in the space frame, (..., N, 3).
@@ -196,7 +197,7 @@ class CoupledAxisState(Coupled, AxisState):
         >>> def align(t, state):
         ...     return -jnp.sum(state.axis[1:] * state.axis[:-1])  # of neighbours
         >>> chain = ml.CoupledAxisState(jnp.zeros((4, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0]), (4, 1)))
-        >>> ml.energy(ml.Rotor(1.0), ml.torques.FromPotential(align), chain)
+        >>> ml.observe.energy(ml.SymmetricRotor(1.0), ml.torques.FromPotential(align), chain)
         Array(-3., dtype=float64)
     """
 
@@ -208,7 +209,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
     """N coupled symmetric bodies that rotate and translate, such as linear molecules: 12 N numbers.
 
     The function returns a `Wrench` of torques and forces (N, 3), both in the space frame. The body is a `FreeBody` of a
-    `Rotor` with moments (N,) and masses (N,), or one for all.
+    `SymmetricRotor` with moments (N,) and masses (N,), or one for all.
 
     Attributes:
         momentum: angular momenta about the centres of mass, space frame, (..., N, 3).
@@ -223,7 +224,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
         >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
         >>> places = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
         >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=places)
-        >>> ml.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second body, on its axis
+        >>> ml.molecules.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second body, on its axis
         Array([[ 0. , -0.5,  3. ],
                [ 0. ,  0.5,  3. ]], dtype=float64)
     """

@@ -57,7 +57,7 @@ class DirectionState(State):
 
     Examples:
         >>> start = ml.DirectionState([0.0, 0.0, 50.0], [0.0, np.sin(0.3), np.cos(0.3)])  # upward vertical, body frame
-        >>> ml.energy(body, torque, start).round(4)
+        >>> ml.observe.energy(body, torque, start).round(4)
         Array(1269.1067, dtype=float64)
     """
 

@@ -146,11 +146,11 @@ class FreeAxisState(TravellingState):
         ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
 
     Examples:
-        >>> molecule = ml.FreeBody(ml.Rotor(1.3, along=0.0), mass=28.0)
+        >>> molecule = ml.FreeBody(ml.SymmetricRotor(1.3, along=0.0), mass=28.0)
         >>> start = ml.FreeAxisState(  # without spin: momentum and axis at right angles
         ...     momentum=[0.0, 2.6, 0.0], axis=[1.0, 0.0, 0.0], linear=[0.0, 0.0, 14.0], position=[0.0, 0.0, 0.0]
         ... )
-        >>> ml.velocity(molecule, start)
+        >>> ml.observe.linear_velocity(molecule, start)
         Array([0. , 0. , 0.5], dtype=float64)
     """
 

@@ -106,7 +106,7 @@ class RigidState(State):
 
     Examples:
         >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))  # tilted by 0.3 rad
-        >>> ml.spatial_momentum(start).round(4)
+        >>> ml.observe.spatial_momentum(start).round(4)
         Array([  0.    , -14.776 ,  47.7668], dtype=float64)
         >>> many = ml.RigidState(jnp.ones((1000, 3)), jnp.tile(start.attitude, (1000, 1)))  # for an ensemble
         >>> many.momentum.shape, many.attitude.shape

@@ -3,11 +3,12 @@
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `reads_body` has torques
 that read the body, `from_functions` custom torques from a function, and `fields` torques that depend on the attitude.
 `spacecraft` has control and disturbance torques of a satellite, `sunlight` and `rarefied` the pressure of light and
-thin gas on a surface. `travel` has torques on bodies that translate; they return a `midlie_jax.Wrench`, a torque and a
-force. `spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant in each
-step.
+thin gas on a surface. `travel` has torques on bodies that translate; they return a `midlie_jax.torques.Wrench`, a
+torque and a force. `spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant
+in each step.
 """
 
+from ..wrench import Wrench as Wrench
 from .base import Sum as Sum
 from .base import Torque as Torque
 from .base import TorqueLike as TorqueLike
@@ -22,34 +23,16 @@ from .bath import baths_in as baths_in
 from .bath import without_bath as without_bath
 from .by_step import Held as Held
 from .by_step import Pulses as Pulses
-from .eddy import EddyCurrents as EddyCurrents
 from .fields import DipoleInField as DipoleInField
-from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop
+from .friction import Damping as Damping
+from .friction import Drag as Drag
 from .from_functions import FromPotential as FromPotential
 from .from_functions import Prescribed as Prescribed
 from .from_functions import VelocityDependent as VelocityDependent
-from .mutual import MutualGravity as MutualGravity
-from .neighbours import DzyaloshinskiiMoriya as DzyaloshinskiiMoriya
-from .neighbours import Exchange as Exchange
 from .on_each import OnEach as OnEach
-from .rarefied import FreeMolecularDrag as FreeMolecularDrag
 from .reads_body import BodyTorque as BodyTorque
-from .rod import Rod as Rod
-from .spacecraft import Damping as Damping
-from .spacecraft import Drag as Drag
-from .spacecraft import PDControl as PDControl
-from .spacecraft import ReactionWheels as ReactionWheels
-from .spacecraft import Rotors as Rotors
-from .spins import Anisotropy as Anisotropy
-from .spins import AppliedField as AppliedField
-from .spins import CubicAnisotropy as CubicAnisotropy
-from .spins import OwnField as OwnField
-from .spins import SpinField as SpinField
-from .sunlight import Sunlight as Sunlight
-from .thermal_field import ThermalField as ThermalField
 from .travel import Magnus as Magnus
 from .travel import Oblateness as Oblateness
 from .travel import PointMass as PointMass
-from .travel import Thrust as Thrust
 from .travel import UniformGravity as UniformGravity

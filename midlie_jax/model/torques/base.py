@@ -1,8 +1,8 @@
 """The interface of a torque, and sums of torques.
 
 The classes are pytrees of their parameters, so they can be mapped over and differentiated. Most have a potential, which
-`midlie_jax.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles are callables of
-the same kind that return an array with the shape of the momentum.
+`midlie_jax.observe.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles are
+callables of the same kind that return an array with the shape of the momentum.
 """
 
 import operator
@@ -32,7 +32,7 @@ class Torque(eqx.Module):
         ...     stiffness: float
         ...     def __call__(self, t, state):
         ...         return -self.stiffness * ml.so3.log(state.attitude)
-        ...     def potential(self, t, state):  # for ml.energy
+        ...     def potential(self, t, state):  # for ml.observe.energy
         ...         return self.stiffness * jnp.sum(ml.so3.log(state.attitude) ** 2) / 2
         >>> turned = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.1, 0.2, 0.3])))
         >>> Spring(10.0)(0.0, turned).round(6)
@@ -96,7 +96,9 @@ class Torque(eqx.Module):
 
 
 def no_potential(torque: Torque) -> ValueError:
-    return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.kinetic_energy instead.")
+    return ValueError(
+        f"{type(torque).__name__} has no potential energy; use midlie_jax.observe.kinetic_energy instead."
+    )
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
@@ -142,7 +144,7 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
         return torque.potential
     raise ValueError(
         "a plain callable has no potential energy; pass the potential to "
-        "midlie_jax.torques.FromPotential, or use midlie_jax.kinetic_energy."
+        "midlie_jax.torques.FromPotential, or use midlie_jax.observe.kinetic_energy."
     )
 
 
@@ -237,9 +239,9 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
     """The terms of a sum, at any depth; empty for None.
 
     Examples:
-        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25) + ml.torques.Rotors([0.0, 0.0, 1.0])
+        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25) + ml.spacecraft.MomentumWheels([0.0, 0.0, 1.0])
         >>> [type(term).__name__ for term in ml.torques.terms_of(torque)]
-        ['HeavyTop', 'Damping', 'Rotors']
+        ['HeavyTop', 'Damping', 'MomentumWheels']
     """
     if torque is None:
         return []

@@ -12,7 +12,7 @@ from ..._checks.arguments import as_floats, described, is_key, require, require_
 from ..._math.components import is_traced
 from ..bath import Bath, exposures, root_of
 from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
-from ..rotor import Rotor
+from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from .base import TorqueLike, kept_terms
 from .reads_body import ReadsBody, knows_axis_alone
@@ -43,13 +43,14 @@ class Langevin(ReadsBody):
     and float64. An ensemble needs a key for each body, `jax.random.split(key, n)`; coupled bodies share one.
 
     For an `AxisState` the friction must be symmetric about the axis, and the body needs its moment about the axis,
-    `Rotor(moment, along)`. With `along` zero, a linear molecule, the bath does not rotate the body about its axis.
+    `SymmetricRotor(moment, along)`. With `along` zero, a linear molecule, the bath does not rotate the body about its
+    axis.
 
     Attributes:
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
         friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
-            `RigidBody` or `Rotor`, or a symmetric tensor (3, 3) in the frame of the body. For coupled bodies, numbers
-            and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor.
+            `RigidBody` or `SymmetricRotor`, or a symmetric tensor (3, 3) in the frame of the body. For coupled bodies,
+            numbers and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor.
         key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
         linear_friction: g, force per velocity, likewise; for a body that translates, 0 for none. Three numbers or a
             tensor rotate with the body. None for a body that does not translate.
@@ -136,7 +137,7 @@ class Langevin(ReadsBody):
     def check_kind(self, state: AnyState, body: Any) -> None:
         """The checks of `check_on` that do not depend on shapes, which have an axis of the bodies in an ensemble."""
         kind = type(state).__name__
-        if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
+        if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
             raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
         if (state.kind.rotation is None) != (self.linear_friction is None):
             raise ValueError(
@@ -144,7 +145,7 @@ class Langevin(ReadsBody):
                 if state.kind.rotation is not None
                 else f"a {kind} does not translate: leave out linear_friction."
             )
-        if isinstance(body.turning, Rotor):
+        if isinstance(body.turning, SymmetricRotor):
             body.turning.known_along  # noqa: B018 - raises if it is unknown
 
     def check_on(self, state: AnyState, body: Any) -> None:
@@ -201,12 +202,12 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
         wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
         raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
     turning: Any = body.turning
-    if shape and not tensor and not isinstance(turning, RigidBody | Rotor):
+    if shape and not tensor and not isinstance(turning, RigidBody | SymmetricRotor):
         raise ValueError(
             f"{name} must be a number or a tensor (3, 3) for a {type(turning).__name__}, got three numbers. Give the "
             "tensor in the frame of the body."
         )
-    if isinstance(turning, Rotor) and tensor:
+    if isinstance(turning, SymmetricRotor) and tensor:
         raise _not_symmetric(name, friction, state)
 
 

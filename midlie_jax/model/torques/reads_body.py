@@ -8,7 +8,7 @@ from jax import Array
 
 from ..._checks.arguments import require_function
 from ..._math import components as cp
-from ..rotor import Rotor
+from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from .base import Torque, no_potential
 
@@ -46,7 +46,7 @@ class ReadsVelocity(ReadsBody):
         if hasattr(state, "spin"):
             raise ValueError(
                 f"{type(self).__name__} reads the angular velocity of a body, and spins have none; for friction use "
-                "midlie_jax.Spins(damping=...)."
+                "midlie_jax.spins.Spins(damping=...)."
             )
 
     @property
@@ -60,10 +60,12 @@ def knows_axis_alone(state: AnyState) -> bool:
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
-    """The angular velocity in the frame of the momentum. For a `Rotor` it includes the spin, so `along` is required."""
+    """The angular velocity in the frame of the momentum. For a `SymmetricRotor` it includes the spin, so `along` is
+    required.
+    """
     turning = body.turning
     velocity = cp.vector(turning.velocity(state.momentum))
-    if not isinstance(turning, Rotor):
+    if not isinstance(turning, SymmetricRotor):
         return velocity
     momentum, along = cp.vector(state.momentum), turning.known_along
     axis, _ = state.in_one_frame((0.0, 0.0, 1.0), momentum)

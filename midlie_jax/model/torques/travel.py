@@ -17,11 +17,10 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite, vector_at
 from ..._math import components as cp
 from ..free_body import FreeBody
-from ..rotor import Rotor
+from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
-from .base import Torque
 from .reads_body import ReadsBody, angular_velocity_of
 
 _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the only body direction that every state holds
@@ -109,7 +108,7 @@ class _Place:
 
     def inertia_times(self, v: cp.Vector) -> cp.Vector:
         turning = self.body.body
-        if not isinstance(turning, Rotor):
+        if not isinstance(turning, SymmetricRotor):
             return cp.vector(turning.momentum(cp.pack(v)))
         axis, _ = self.state.in_one_frame(_E3, self.space)
         gap = (turning.known_along - turning.moment) * cp.dot(axis, v)
@@ -129,7 +128,7 @@ class PointMass(_Gravity):
 
     Raises:
         ValueError: mu not positive and finite. When called: body and state do not translate; with the gradient, a
-            `Rotor` has no `along`.
+            `SymmetricRotor` has no `along`.
 
     Examples:
         >>> earth = ml.torques.PointMass(mu=3.986e14)  # m^3/s^2
@@ -269,7 +268,7 @@ class Magnus(ReadsBody):
 
     Raises:
         ValueError: strength not finite, or wind of another shape. When called: body and state do not translate, or a
-            `Rotor` has no `along`.
+            `SymmetricRotor` has no `along`.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
@@ -302,38 +301,3 @@ def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any
     if wind is None:
         return velocity
     return cp.subtract(velocity, cp.vector(vector_at("wind", wind, t)))
-
-
-class Thrust(Torque):
-    """An engine fixed in the body: its force, and the torque lever x force, both in the body frame.
-
-    Attributes:
-        force: the thrust, body frame, (3,), or a function `force(t) -> (3,)`.
-        lever: vector from the centre of mass to the engine, body frame, (3,), or a function `lever(t) -> (3,)`.
-
-    Raises:
-        ValueError: force or lever of another shape, or not finite. When called: the state does not translate.
-
-    Examples:
-        >>> engine = ml.torques.Thrust(force=[0.0, 0.0, 2.0], lever=[0.5, 0.0, 0.0])
-        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
-        >>> engine(0.0, state).torque[1].item(), engine(0.0, state).force[2].item()  # lever x force; in space
-        (-1.0, 2.0)
-    """
-
-    force: Float[Array, "*batch 3"] | Callable[[Any], Array]
-    lever: Float[Array, "*batch 3"] | Callable[[Any], Array]
-
-    def __init__(self, force: Any, lever: Any):
-        self.force, self.lever = as_function_of_time("force", force), as_function_of_time("lever", lever)
-
-    def check(self, state: AnyState) -> None:
-        for vector in (self.force, self.lever):
-            if not callable(vector):
-                state.in_one_frame(cp.vector(vector))
-
-    def __call__(self, t: Time, state: AnyState) -> Any:
-        state, _ = travelling(self, state, None)
-        vectors = (cp.vector(vector_at(name, getattr(self, name), t)) for name in ("force", "lever"))
-        force, lever = (state.in_one_frame(v)[0] for v in vectors)
-        return Wrench(cp.pack(cp.cross(lever, force)), cp.pack(state.to_space(force)))

@@ -1,0 +1,29 @@
+"""Names of a package that are imported at their first use: those that the `__init__.pyi` of the package lists."""
+
+import re
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+def names_of(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, from the stub beside its `__init__.py`.
+
+    A public name must not be the name of a module in the same package: Python would replace it by that module.
+    """
+    stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
+    where = {name: module for module, name in re.findall(r"^from \.([\w.]*) import (\w+) as \2$", stub, re.MULTILINE)}
+
+    def found(name: str) -> Any:
+        if name not in where:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module = where[name]
+        if module:
+            value = getattr(__import__(f"{package}.{module}", None, None, [name]), name)  # from .module import name
+        else:
+            value = import_module(f".{name}", package)
+        return vars(sys.modules[package]).setdefault(name, value)
+
+    return found, lambda: sorted(where), [*where]

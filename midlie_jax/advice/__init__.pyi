@@ -1,0 +1,5 @@
+"""Advice before runs: stability of a step (`check`), effect of rounding, and the fastest method (`recommend`)."""
+
+from .check import Check as Check
+from .recommend import Recommendation as Recommendation
+from .rounding import Rounding as Rounding

@@ -1,0 +1,12 @@
+"""Asteroids: light curves, sunlight, mutual gravity, and tumbling described by periods and a pole."""
+
+from .brightness import Brightness as Brightness
+from .brightness import Lambert as Lambert
+from .brightness import LommelSeeliger as LommelSeeliger
+from .brightness import Scattering as Scattering
+from .ellipsoid import EllipsoidBrightness as EllipsoidBrightness
+from .mutual_gravity import MutualGravity as MutualGravity
+from .sunlight import Sunlight as Sunlight
+from .tumbling_motion import Tumble as Tumble
+from .tumbling_motion import tumble as tumble
+from .tumbling_motion import tumbling as tumbling

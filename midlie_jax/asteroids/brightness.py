@@ -1,0 +1,158 @@
+"""`Brightness`: the brightness of a sunlit surface, and scattering laws."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import as_floats, require, require_function
+from .._math import components as cp
+from .._xla.rows import sum_over_rows
+from ..model.facets import as_surface, of_facets
+from ..model.surface import Surface
+from .light import Light
+
+
+class Scattering(eqx.Module):
+    """A scattering law: the brightness of a facet per area and albedo, `law(mu, mu0) -> ()`.
+
+    A custom law is a subclass. It must tend to zero where mu or mu0 does, without a jump; it is called only where both
+    are positive.
+
+    Examples:
+        >>> class Minnaert(ml.asteroids.Scattering):  # of your own
+        ...     k: float
+        ...     def __call__(self, mu, mu0):
+        ...         return mu0**self.k * mu**self.k
+        >>> cube, state = ml.Surface.box([2.0, 2.0, 2.0]), ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> light = ml.asteroids.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=Minnaert(2.0))
+        >>> round(float(light(0.0, state)), 6)  # 4 * 0.6^2
+        1.44
+    """
+
+    @abstractmethod
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        """The law.
+
+        Args:
+            mu: the cosine between the normal and the observer, ().
+            mu0: the cosine between the normal and the Sun, ().
+        """
+
+
+class Lambert(Scattering):
+    """Lambert's law, mu mu0, for a white, rough surface; the intensity is pi times that for this albedo.
+
+    Examples:
+        >>> law = ml.asteroids.Lambert()  # for ml.asteroids.Brightness
+        >>> law(jnp.array(0.5), jnp.array(0.25)).item()
+        0.125
+    """
+
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        return mu * mu0
+
+
+class LommelSeeliger(Scattering):
+    """The Lommel-Seeliger law plus a fraction of Lambert's law, mu mu0 (1 / (mu + mu0) + lambert).
+
+    It describes a dark surface, such as most asteroids. With lambert = 0.1 it is the law of light curve inversion (M.
+    Kaasalainen, J. Torppa, Icarus 153 (2001) 24; K. Muinonen et al., Astron. Astrophys. 642 (2020) A138).
+
+    Attributes:
+        lambert: the factor of Lambert's law, (), not negative; 0 for Lommel-Seeliger alone.
+
+    Raises:
+        ValueError: the factor is negative or not finite.
+
+    Examples:
+        >>> law = ml.asteroids.LommelSeeliger(lambert=0.1)  # for ml.asteroids.Brightness
+        >>> round(float(law(jnp.array(0.5), jnp.array(0.25))), 6)  # 0.125 (1 / 0.75 + 0.1)
+        0.179167
+    """
+
+    lambert: Float[Array, "*batch"]
+
+    def __init__(self, lambert: Any = 0.0):
+        self.lambert = as_floats("lambert", lambert)
+        require(
+            "lambert", self.lambert, lambda c: np.isfinite(c) & (c >= 0), "must be finite and not negative", "as in .1."
+        )
+
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        return mu * mu0 * (1 / (mu + mu0) + self.lambert.astype(mu.dtype))
+
+
+class Brightness(Light):
+    """The brightness of a surface: the sum of area albedo law over the facets that are lit and visible.
+
+    It has units of area for an albedo of one, up to the solar flux and the distances; or it is a magnitude, -2.5 log10
+    of it. Facets do not shadow or hide each other, which is exact for convex surfaces. It is called as
+    `brightness(t, state)`, and can be passed as `observe`. Its derivatives are correct where facets rotate into the
+    dark.
+
+    Attributes:
+        surface: the facets, in the frame of the body.
+        sun: direction from the body to the Sun, space frame, a unit vector (3,); or a function `sun(t) -> (3,)`, whose
+            vector is normalised, such as a position relative to the body.
+        observer: direction to the observer, in the same forms. With a light travel time, t is the time at the body.
+        law: a `Scattering`, such as `Lambert()` or `LommelSeeliger(lambert=0.1)`.
+        albedo: () or one per facet, (n,), not negative.
+        phase: None, or a factor as a function of the phase angle in radians, `phase(angle) -> ()`.
+        magnitude: whether the result is in magnitudes; it is infinite where nothing is visible.
+
+    Raises:
+        ValueError: the surface is no `Surface`, a direction is no unit vector, the law cannot be called, or an albedo
+            is negative. When called: the numbers of albedos and facets differ, or the state has no attitude.
+
+    Examples:
+        >>> cube = ml.Surface.box([2.0, 2.0, 2.0])
+        >>> light = ml.asteroids.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=ml.asteroids.Lambert())
+        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(light(0.0, state)), 6)  # the Sun lights one face, area 4, seen with mu = 0.6; mu0 = 1
+        2.4
+    """
+
+    surface: Surface
+    law: Callable[[Array, Array], Array]
+    albedo: Float[Array, "*batch"]
+
+    def __init__(
+        self,
+        surface: Any,
+        sun: Any,
+        observer: Any,
+        law: Any,
+        *,
+        albedo: Any = 1.0,
+        phase: Any = None,
+        magnitude: bool = False,
+    ):
+        self.surface = as_surface(surface)
+        self._view(sun, observer, phase, magnitude)
+        if isinstance(law, type):
+            raise ValueError(f"law must be a law and not its class: write {law.__name__}().")
+        require_function("law", law, "mu, mu0")
+        self.law, self.albedo = law, as_floats("albedo", albedo)
+        not_negative = "must be finite and not negative"
+        require("albedo", self.albedo, lambda a: np.isfinite(a) & (a >= 0), not_negative, "0 is black.")
+
+    def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
+        surface = self.surface
+        weights = surface.areas * of_facets("albedo", self.albedo, surface).astype(surface.areas.dtype)
+        columns = *cp.vector(surface.normals), weights
+        return sum_over_rows(lambda row, directions: _seen(self.law, row, *directions), columns, (sun, observer))
+
+
+def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observer: cp.Vector) -> Array:
+    mu0, mu = cp.dot(row[0:3], sun), cp.dot(row[0:3], observer)
+    seen = (mu > 0) & (mu0 > 0)
+    # The law is not called in the dark, where it may be 0/0 and the derivative of `where` would be NaN.
+    one = jnp.ones_like(mu)
+    value = law(jnp.where(seen, mu, one), jnp.where(seen, mu0, one))
+    return jnp.where(seen, row[3] * value, jnp.zeros_like(value))

@@ -1,0 +1,54 @@
+"""Flights: maps for the torque-free motion of a body for a time h, exact or approximate.
+
+A flight is called with the constants of the body, the time and the momentum. It returns the rotation of the body, the
+change of its momentum, and whether the result is valid. Flights do not depend on how a state stores the orientation. To
+add a flight to the package, write one file and import the class here; `midlie_jax.flights.names()` then lists it, best
+first. To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
+"""
+
+import sys
+from types import ModuleType
+
+from ..._math import components as components
+from ..._math import short_series as short_series
+from ...model.bodies import RigidBody
+from ...model.inertia import Inertia as Inertia
+from ..listing import Listing
+from .base import Flight as Flight
+from .jacobi import Jacobi as Jacobi
+from .lie_midpoint import LieMidpoint as LieMidpoint
+from .linear import Linear as Linear
+from .moser_veselov import MoserVeselov as MoserVeselov
+from .moser_veselov import MoserVeselov4 as MoserVeselov4
+from .moser_veselov import MoserVeselov6 as MoserVeselov6
+from .near_symmetric import NearSymmetric as NearSymmetric
+from .symmetric import Symmetric as Symmetric
+from .symplectic_midpoint import SymplecticMidpoint as SymplecticMidpoint
+from .symplectic_midpoint import SymplecticMidpoint4 as SymplecticMidpoint4
+from .three_axis import ThreeAxis as ThreeAxis
+
+
+def _rank(flight: Flight) -> tuple[bool, bool, bool, int, str]:
+    return (
+        flight.body is not RigidBody,
+        not flight.symplectic,
+        flight.equal_moments if flight.order is None else True,
+        -(flight.order or 99),
+        flight.name,
+    )
+
+
+_CLASSES = [kind for kind in list(globals().values()) if isinstance(kind, type) and issubclass(kind, Flight)]
+FLIGHTS: dict[str, Flight] = {
+    flight.name: flight for flight in sorted((kind() for kind in _CLASSES if kind is not Flight), key=_rank)
+}
+
+
+class _CallableModule(ModuleType):
+    """A module that can also be called: `midlie_jax.flights.names()` as well as `midlie_jax.flights.Jacobi`."""
+
+    def __call__(self) -> Listing:
+        return Listing({name: flight.use for name, flight in FLIGHTS.items()})
+
+
+sys.modules[__name__].__class__ = _CallableModule

@@ -1,0 +1,209 @@
+"""`Scheme`, the table of kicks, flights and bath stages of a step, checked on construction."""
+
+from dataclasses import InitVar, dataclass, replace
+from itertools import accumulate, pairwise
+from typing import Any
+
+from .scheme_order import measured_order, measured_weak_order
+from .stages import BATH, FLIGHT, KICK
+
+_ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
+_names: set[str] = set()  # the names of the package's own schemes
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A splitting scheme.
+
+    Attributes:
+        name: the part in brackets of a method's name.
+        order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. It is
+            measured (`measured_order`, up to half a second) unless there are no kicks. For a scheme with a bath it is
+            the weak order, the order of averages, which is at most 2 (`measured_weak_order`).
+        stages: pairs (KICK | FLIGHT | BATH, coefficient), in the order in which they act. The coefficients of each kind
+            sum to 1. In a bath stage, friction and noise act on the momenta, and poses are unchanged
+            (`midlie_jax.torques.Langevin`).
+        source: the publication of the table.
+        use: when to use the scheme, for `midlie_jax.schemes.names()`.
+        leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.
+            `recommend` and charts of error against cost use the leading schemes.
+        composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
+            inexact flight.
+        gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
+            V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f. Not with a bath.
+        displaced: whether such a kick uses the torque at a displaced attitude instead of a derivative of the torque.
+            The attitude is displaced by the rotation vector 2 g h^2 I^-1 T, and the torque there is rotated back. The
+            difference is of order h^4, so an order up to 4 is kept; but the kick then has no potential, and the method
+            is not symplectic.
+        small: an exponent n for weak forces, as on a fast top: for forces of size e, the global error is of order e h^n
+            + e^2 h^m, with m at least `order`.
+
+    Args:
+        known: whether to accept the name and the order unchecked. This is for the schemes of this package, whose orders
+            are measured by tests and not at each import.
+
+    Raises:
+        ValueError: the name belongs to a scheme of this package, or contains brackets; coefficients do not sum to 1;
+            the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is neither
+            empty nor one number for each kick, or there is a bath; `displaced` without `gradients`; or `small` or
+            `composed` is not true of the scheme.
+
+    Examples:
+        >>> kick, flight, end = ml.schemes.KICK, ml.schemes.FLIGHT, 0.1931833275037836  # McLachlan 1995
+        >>> table = ((kick, end), (flight, 0.5), (kick, 1 - 2 * end), (flight, 0.5), (kick, end))
+        >>> scheme = ml.schemes.Scheme("ML2", 2, table)  # a ValueError if the order were not 2
+        >>> scheme.symmetric, scheme.evaluations, ml.method("JACOBI", scheme).name
+        (True, 2, 'JACOBI[ML2]')
+    """
+
+    name: str
+    order: int
+    stages: tuple[tuple[str, float], ...]
+    source: str = ""
+    composed: bool = False
+    gradients: tuple[float, ...] = ()
+    small: int | None = None
+    use: str = ""
+    leading: bool = False
+    displaced: bool = False
+    known: InitVar[bool] = False
+
+    def __post_init__(self, known: bool) -> None:
+        label = f"scheme {self.name!r}"
+        if not known and self.name in _names:
+            raise ValueError(f"{label}: midlie_jax has a scheme of this name; choose another name.")
+        if not isinstance(self.name, str) or not self.name or set("[]") & set(self.name):
+            raise ValueError(f"{label}: its name must be text without brackets.")
+        if not isinstance(self.stages, tuple):
+            raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
+        for stage in self.stages:
+            if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
+                raise ValueError(f"{label}: each stage must be a pair (kind, coefficient), got {stage!r}.")
+        kinds = [kind for kind, _ in self.stages]
+        if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT, BATH}:
+            listed = ", ".join(map(repr, kinds))
+            raise ValueError(f"{label} must be made of {KICK!r}, {FLIGHT!r} and {BATH!r}, got {listed}.")
+        if self.random and (self.gradients or self.composed or self.small is not None):
+            raise ValueError(
+                f"{label} has a bath, so averages are of weak order 2 at most; leave out gradients, composed and small."
+            )
+        for kind in dict.fromkeys(kinds):
+            total = sum(c for k, c in self.stages if k == kind)
+            if not abs(total - 1) <= _ROUNDING:
+                raise ValueError(f"{label}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
+        if self.gradients and len(self.gradients) != kinds.count(KICK):
+            raise ValueError(
+                f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
+            )
+        if self.displaced and not any(self.gradients):
+            raise ValueError(f"{label} has no gradients to replace by a displaced torque; leave out displaced.")
+        if not isinstance(self.order, int) or self.order < 1:
+            raise ValueError(f"{label}: its order must be a positive integer, got {self.order!r}.")
+        if self.composed and not self._is_composed():
+            raise ValueError(
+                f"{label} is declared composed, but its kicks are not half the sum of the adjacent "
+                "flights; leave out composed."
+            )
+        if self.small is not None and not self._moments_are_exact(self.small):
+            raise ValueError(
+                f"{label} has small={self.small}, but its kicks do not integrate polynomials of degree "
+                f"{self.small - 1} in time exactly; check the coefficients, or leave out small."
+            )
+        if not known and (KICK in kinds or self.random):
+            measured = measured_weak_order(self) if self.random else measured_order(self)
+            if not abs(measured - self.order) < 0.5:
+                raise ValueError(
+                    f"{label} is declared of order {self.order}, but an order of {measured:.1f} is measured; check the "
+                    "coefficients, or declare the measured order."
+                )
+
+    def _is_composed(self) -> bool:
+        """Whether the step consists of Verlet steps: half kick, flight, half kick, with adjacent kicks merged."""
+        if not self.alternates or self.stages[0][0] != KICK:
+            return False
+        kicks, flights, _ = self.columns()
+        ends = [0.0, *flights, 0.0]
+        return all(abs(kick - (a + b) / 2) <= _ROUNDING for kick, (a, b) in zip(kicks, pairwise(ends), strict=True))
+
+    def _moments_are_exact(self, count: int) -> bool:
+        """Whether the kicks, as a quadrature at their times, integrate the powers of t below `count` exactly."""
+        time, rule = 0.0, list[tuple[float, float]]()
+        for kind, coefficient in self.stages:
+            if kind == FLIGHT:
+                time += coefficient
+            else:
+                rule.append((coefficient, time))
+        return all(abs(sum(b * c**k for b, c in rule) - 1 / (k + 1)) <= _ROUNDING for k in range(count))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the table is a palindrome, so that a step of -h undoes a step of h; False with a bath."""
+        return self.stages == self.stages[::-1] and self.gradients == self.gradients[::-1] and not self.random
+
+    @property
+    def random(self) -> bool:
+        """Whether it contains a bath."""
+        return any(kind == BATH for kind, _ in self.stages)
+
+    @property
+    def begins_with_force(self) -> bool:
+        """Whether a step begins with a kick by the force at its start, without a gradient.
+
+        A bath before the first kick or after the last one does not change the force.
+        """
+        kinds = [kind for kind, _ in self.stages if kind != BATH]
+        return kinds[0] == KICK and not any(self.gradients[:1])
+
+    @property
+    def reuses_force(self) -> bool:
+        """Whether a step begins and ends with such a kick, so its last force is the first of the next step."""
+        kinds = [kind for kind, _ in self.stages if kind != BATH]
+        return self.begins_with_force and kinds[-1] == KICK and not any(self.gradients[-1:])
+
+    def merged(self) -> "Scheme":
+        """The scheme with adjacent stages of the same kind merged: the same method if the flight is exact."""
+        stages = [self.stages[0]]
+        for kind, coefficient in self.stages[1:]:
+            if kind == stages[-1][0]:
+                stages[-1] = (kind, stages[-1][1] + coefficient)
+            else:
+                stages.append((kind, coefficient))
+        return replace(self, stages=tuple(stages), known=True)
+
+    @property
+    def flights(self) -> int:
+        """Flights per step."""
+        return sum(kind == FLIGHT for kind, _ in self.stages)
+
+    @property
+    def alternates(self) -> bool:
+        """Whether there are only kicks and flights, alternating, and the first and last stage are of the same kind."""
+        return (
+            not self.random
+            and all(a[0] != b[0] for a, b in pairwise(self.stages))
+            and self.stages[0][0] == self.stages[-1][0]
+        )
+
+    def columns(self) -> tuple[list[float], list[float], list[float]]:
+        """If the scheme alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
+        kicks = [c for kind, c in self.stages if kind == KICK]
+        flights = [c for kind, c in self.stages if kind == FLIGHT]
+        # Rounded coefficients do not sum exactly to 1, but the time after the last flight is 1.
+        return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
+
+    @property
+    def times_of_kicks(self) -> list[float]:
+        """The time of each kick, in steps after the start of the step."""
+        before = accumulate(c if kind == FLIGHT else 0.0 for kind, c in self.stages)
+        return [time for time, (kind, _) in zip(before, self.stages, strict=True) if kind == KICK]
+
+    @property
+    def evaluations(self) -> int:
+        """Force evaluations per step after the first step; the derivative for a gradient is not counted."""
+        at_displaced = sum(g != 0 for g in self.gradients) if self.displaced else 0
+        return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force + at_displaced
+
+
+def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:
+    _names.add(name)
+    return Scheme(name, order, stages, source, known=True, **options)

@@ -1,0 +1,353 @@
+"""The coefficient tables of all schemes, by name, each with its source.
+
+To add a custom scheme, create a `midlie_jax.schemes.Scheme`, which measures its order.
+"""
+
+import sys
+from itertools import pairwise
+from types import ModuleType
+from typing import Any
+
+from . import rkn8 as _rkn8
+from .listing import Listing
+from .scheme import Scheme as Scheme
+from .scheme import own_scheme
+from .scheme_order import measured_order as measured_order
+from .scheme_order import measured_weak_order as measured_weak_order
+from .stages import BATH as BATH
+from .stages import FLIGHT as FLIGHT
+from .stages import KICK as KICK
+from .stages import run as run
+
+_KRYSL = "Krysl, Explicit time integrators for nonlinear dynamics derived from the midpoint rule, 2004"
+E1 = own_scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL, use="the paper's first Euler method; EA costs no more")
+E2 = own_scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL, use="the paper's second Euler method; EA costs no more")
+EA = own_scheme(
+    "EA",
+    2,
+    ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)),
+    _KRYSL,
+    use="up to three digits, any torque: the least work per step",
+    leading=True,
+)
+EA_STAR = own_scheme(
+    "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="like EA, with the torque at mid-step"
+)
+
+
+def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
+    return (*half, centre, *reversed(half))
+
+
+def _composed(name: str, order: int, factors: tuple[float, ...], source: str, use: str) -> Scheme:
+    """Verlet steps (half kick, flight, half kick) of these lengths, which sum to 1, with adjacent kicks merged."""
+    ends = (0.0, *factors, 0.0)
+    kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
+    return _alternating(name, order, KICK, kicks, factors, source, composed=True, use=use)
+
+
+def _alternating(
+    name: str,
+    order: int,
+    first: str,
+    outer: tuple[float, ...],
+    inner: tuple[float, ...],
+    source: str,
+    **options: Any,
+) -> Scheme:
+    """The scheme outer[0], inner[0], outer[1], ..., outer[-1], whose outer stages are of the kind `first`."""
+    second = FLIGHT if first == KICK else KICK
+    stages = [(first, outer[0])]
+    for a, b in zip(inner, outer[1:], strict=True):
+        stages += [(second, a), (first, b)]
+    return own_scheme(name, order, tuple(stages), source, **options)
+
+
+def _odd_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
+    """`half`, a centre that makes the sum 1, and `half` reversed."""
+    return _mirrored(half, 1 - 2 * sum(half))
+
+
+def _even_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
+    """`half`, two equal central entries that make the sum 1, and `half` reversed."""
+    first_half = (*half, 0.5 - sum(half))
+    return (*first_half, *reversed(first_half))
+
+
+def _repeated(half: tuple[str, ...]) -> tuple[float, ...]:
+    """These numbers, then the same in reverse."""
+    first_half = tuple(map(float, half))
+    return (*first_half, *reversed(first_half))
+
+
+def _about_the_last(half: tuple[str, ...]) -> tuple[float, ...]:
+    """These numbers, then all but the last in reverse."""
+    *first_half, centre = map(float, half)
+    return _mirrored(tuple(first_half), centre)
+
+
+_CUBE = 2 ** (1 / 3)
+TRIPLE = _composed(
+    "TJ4",
+    4,
+    _odd_palindrome((1 / (2 - _CUBE),)),
+    "Yoshida, Phys. Lett. A 150 (1990) 262",
+    "an inexact flight, with the fewest flights at this order",
+)
+SUZUKI = _composed(
+    "S4",
+    4,
+    _odd_palindrome((1 / (4 - 4 ** (1 / 3)),) * 2),
+    "Suzuki, Phys. Lett. A 146 (1990) 319",
+    "an inexact flight; smaller error than TJ4",
+)
+YOSHIDA6 = _composed(
+    "Y6",
+    6,
+    _odd_palindrome((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
+    "Yoshida, Phys. Lett. A 150 (1990) 262, solution A",
+    "an inexact flight, with the fewest flights at this order",
+)
+KAHAN_LI6 = _composed(
+    "KL6",
+    6,
+    _odd_palindrome((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
+    "Kahan & Li, Math. Comp. 66 (1997) 1089",
+    "an inexact flight; smaller error than Y6",
+)
+SUZUKI_UMENO8 = _composed(
+    "SU8",
+    8,
+    _odd_palindrome(
+        (
+            0.74167036435061295345,
+            -0.40910082580003159400,
+            0.19075471029623837995,
+            -0.57386247111608226666,
+            0.29906418130365592384,
+            0.33462491824529818378,
+            0.31529309239676659663,
+        )
+    ),
+    "Suzuki & Umeno 1993; Hairer, Lubich & Wanner, Geometric Numerical Integration, V.3.2",
+    "an inexact flight",
+)
+KAHAN_LI8 = _composed(
+    "KL8",
+    8,
+    _odd_palindrome(
+        (
+            0.13020248308889008088,
+            0.56116298177510838456,
+            -0.38947496264484728641,
+            0.15884190655515560090,
+            -0.39590389413323757734,
+            0.18453964097831570709,
+            0.25837438768632204729,
+            0.29501172360931029887,
+        )
+    ),
+    "Kahan & Li, Math. Comp. 66 (1997) 1089",
+    "an inexact flight; smaller error than SU8",
+)
+_BLANES_MOAN = "Blanes & Moan, J. Comput. Appl. Math. 142 (2002) 313"
+BM4 = _alternating(
+    "BM4",
+    4,
+    FLIGHT,
+    _odd_palindrome((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
+    _even_palindrome((0.209515106613362, -0.143851773179818)),
+    _BLANES_MOAN + ", S6",
+    use="an exact flight, any torque; SRKN6b has the smaller error",
+)
+SRKN6B = _alternating(
+    "SRKN6b",
+    4,
+    KICK,
+    _odd_palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
+    _even_palindrome((0.245298957184271, 0.604872665711080)),
+    _BLANES_MOAN,
+    use="four to six digits, any torque that does not read the momentum",
+    leading=True,
+)
+SRKN11B = _alternating(
+    "SRKN11b",
+    6,
+    KICK,
+    _even_palindrome(
+        (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)
+    ),
+    _odd_palindrome((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
+    _BLANES_MOAN,
+    use="six to nine digits, fewer evaluations than SRKN14a",
+    leading=True,
+)
+SRKN14A = _alternating(
+    "SRKN14a",
+    6,
+    FLIGHT,
+    _mirrored(
+        (
+            0.0378593198406116,
+            0.102635633102435,
+            -0.0258678882665587,
+            0.314241403071477,
+            -0.130144459517415,
+            0.106417700369543,
+            -0.00879424312851058,
+        ),
+        0.207305069056835,
+    ),
+    _even_palindrome(
+        (
+            0.091719152624462,
+            0.183983170005006,
+            -0.056534365832888,
+            0.004914688774713,
+            0.143761127168358,
+            0.328567693746804,
+        )
+    ),
+    _BLANES_MOAN,
+    use="six digits and more, smaller error than SRKN11b",
+    leading=True,
+)
+_FOUND = "found by a search for this package: midlie_jax/integrators/rkn8.py"
+
+
+def _of_order_8(name: str, flights: tuple[str, ...], kicks: tuple[str, ...], use: str) -> Scheme:
+    halves = _repeated(flights), _about_the_last(kicks)
+    return _alternating(name, 8, FLIGHT, *halves, _FOUND, use=use, leading=True)
+
+
+RKN8 = _of_order_8(
+    "RKN8",
+    _rkn8.RKN8_FLIGHTS,
+    _rkn8.RKN8_KICKS,
+    "seven digits and more, any torque that does not read the momentum",
+)
+RKN8G = _of_order_8(
+    "RKN8G",
+    _rkn8.RKN8G_FLIGHTS,
+    _rkn8.RKN8G_KICKS,
+    "fast tops, nine digits and more; RKN8 has the smaller error on others",
+)
+# TI and CHIN4A use the gradient of T . I^-1 T, at the cost of one directional derivative of the torque.
+TAKAHASHI_IMADA = own_scheme(
+    "TI",
+    2,
+    ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
+    "Takahashi & Imada, J. Phys. Soc. Japan 53 (1984) 3765; effective order 4 between `TAKAHASHI_IMADA_PROCESSOR`s",
+    gradients=(1 / 24,),
+    use="order 4 with its processor, one torque and its gradient per step; torque from a potential only",
+)
+_PROCESSOR_STEP = 48**-0.5
+# The processor of "TI". Applied before the first step, and inverted after the last step, it raises a run with "TI" to
+# order 4. The processor is an even function of the step and equals exp(h^2 [A, B] / 24) up to h^4. A run without it has
+# an error of order 2, but is conjugate to a run of order 4: conserved quantities oscillate, and drift no more than at
+# order 4.
+TAKAHASHI_IMADA_PROCESSOR = (
+    *((FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP), (FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP)),
+    *((FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP), (FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP)),
+)
+CHIN4A = own_scheme(
+    "CHIN4A",
+    4,
+    ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),
+    "Chin, Phys. Lett. A 226 (1997) 344, scheme A; Koseleff 1993",
+    gradients=(0.0, 1 / 48, 0.0),
+    use="three to five digits, two torques and one gradient per step; torque from a potential only",
+    leading=True,
+)
+# Derivative-free versions: the torque at a displaced attitude replaces the gradient.
+_HESSIAN_FREE = "Schaefers, Finkenrath, Guenther & Knechtli, Hessian-free force-gradient integrators, arXiv 2403.10370"
+BADAB = own_scheme(
+    "BADAB",
+    4,
+    CHIN4A.stages,
+    f"Yin & Mawhinney, arXiv 1111.5059: Chin's scheme A; {_HESSIAN_FREE}",
+    gradients=CHIN4A.gradients,
+    displaced=True,
+    use="CHIN4A for a torque that cannot be differentiated: three torques per step; not symplectic",
+)
+_END, _OUTER, _WEIGHT = 0.089775972994422, 0.247597680043986, 0.006911440413815
+ABADABA = _alternating(
+    "ABADABA",
+    4,
+    FLIGHT,
+    _even_palindrome((_END,)),
+    _odd_palindrome((_OUTER,)),
+    _HESSIAN_FREE,
+    gradients=(0.0, _WEIGHT / (1 - 2 * _OUTER), 0.0),
+    displaced=True,
+    use="a torque that cannot be differentiated: four torques per step; not symplectic",
+)
+
+# For nearly free motion: fast tops in weak fields.
+_FAR, _NEAR = (
+    (525 + 70 * 30**0.5) ** 0.5 / 70,
+    (525 - 70 * 30**0.5) ** 0.5 / 70,
+)  # Gauss's points on [-1, 1], halved
+ABA82 = _alternating(
+    "ABA82",
+    2,
+    FLIGHT,
+    _mirrored((0.5 - _FAR, _FAR - _NEAR), 2 * _NEAR),
+    _even_palindrome((0.25 - 30**0.5 / 72,)),
+    "McLachlan, BIT 35 (1995) 258: Gauss's quadrature; Laskar & Robutel, Celest. Mech. 80 (2001) 39, SABA4",
+    small=8,
+    use="fast tops in weak fields, moderate accuracy",
+)
+ABA1064 = _alternating(
+    "ABA1064",
+    4,
+    FLIGHT,
+    _odd_palindrome((0.03809449742241219546, 0.14529871611691374940, 0.20762769572554125072, 0.43590970365152615922)),
+    _even_palindrome((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
+    "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58: ABA1064",
+    small=10,
+    use="fast tops in weak fields, high accuracy",
+    leading=True,
+)
+# With a heat bath, `midlie_jax.torques.Langevin`. A is the flight, B the kick, O the bath (Ornstein and Uhlenbeck).
+_LEIMKUHLER = "Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34"
+BAOAB = own_scheme(
+    "BAOAB",
+    2,
+    ((KICK, 0.5), (FLIGHT, 0.5), (BATH, 1.0), (FLIGHT, 0.5), (KICK, 0.5)),
+    _LEIMKUHLER,
+    use="with a heat bath: start here; positions and attitudes are exact in a harmonic well",
+)
+OBABO = own_scheme(
+    "OBABO",
+    2,
+    ((BATH, 0.5), (KICK, 0.5), (FLIGHT, 1.0), (KICK, 0.5), (BATH, 0.5)),
+    "Bussi & Parrinello, Phys. Rev. E 75 (2007) 056707",
+    use="with a heat bath: momenta are exact in a harmonic well; one flight of an exact method, but two baths",
+)
+ABOBA = own_scheme(
+    "ABOBA",
+    2,
+    ((FLIGHT, 0.5), (KICK, 0.5), (BATH, 1.0), (KICK, 0.5), (FLIGHT, 0.5)),
+    _LEIMKUHLER,
+    use=("with a heat bath: positions are also exact in a harmonic well; the bath in the middle of EA*"),
+)
+SCHEMES = {
+    scheme.name: scheme
+    for scheme in (  # best first
+        *(EA, CHIN4A, SRKN6B, SRKN14A, RKN8, RKN8G, SRKN11B, ABA1064, ABA82, BM4),
+        *(SUZUKI, TRIPLE, KAHAN_LI6, YOSHIDA6, KAHAN_LI8, SUZUKI_UMENO8),
+        *(EA_STAR, TAKAHASHI_IMADA, BADAB, ABADABA, E2, E1),
+        *(BAOAB, OBABO, ABOBA),
+    )
+}
+
+
+class _CallableModule(ModuleType):
+    """A module that can also be called: `midlie_jax.schemes.names()` as well as `midlie_jax.schemes.SRKN6B`."""
+
+    def __call__(self) -> Listing:
+        return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})
+
+
+sys.modules[__name__].__class__ = _CallableModule

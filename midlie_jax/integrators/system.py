@@ -1,0 +1,369 @@
+"""The equations of motion on components: momentum and pose (`Motion`), and the constants of a run (`System`)."""
+
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, TypeVar, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._math import components as cp
+from .._xla.fusion import fuse_derivative, split
+from .._xla.replay import Traits, traits
+from ..model.bath import Bath
+from ..model.bodies import Body
+from ..model.free_body import Momenta, Place
+from ..model.kind import Kind
+from ..model.state import AnyState, P, Q
+from ..model.states.members import Inertias
+from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
+from ..model.torques.by_step import in_step, is_by_step
+from ..model.wrench import Wrench
+
+T = TypeVar("T")
+_LONG_TORQUE = 150  # operations from which a torque counts as long
+_CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
+
+
+class Motion(eqx.Module, Generic[P, Q]):
+    """Momentum and pose as components, as returned by `State.parts`."""
+
+    momentum: P
+    pose: Q
+
+
+AnyMotion = Motion[Any, Any]
+
+
+class System(NamedTuple):
+    """The constants of a body, the torque on the body, and the class of the states.
+
+    Momenta and poses are in principal components; states and torques are in the user's components, which differ for a
+    `TensorBody`.
+
+    Attributes:
+        inertia: the constants of the body, `Body.inertia()`.
+        torque: a function of (t, state), or None.
+        kind: how a run moves the states.
+        reads_momentum: whether the torque depends on the momentum, such as damping and control.
+        costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
+        long: whether the derivative of the torque is too long for one loop with the derivative of the flight.
+        frame: the quaternion from principal components to the user's; None if both agree.
+        bath: the heat bath, or None.
+        by_step: whether a part of the torque has a constant value in each step; see `in_step`.
+    """
+
+    inertia: Any
+    torque: TorqueLike | None
+    kind: Kind
+    reads_momentum: bool
+    costly: bool
+    long: bool
+    frame: Any = None
+    bath: Bath | None = None
+    by_step: bool = False
+
+    @classmethod
+    def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
+        """The system of a body and a torque. The torque is traced once, at the time t and the state `start`.
+
+        Args:
+            body, torque, start, t: see above.
+            whole: whether momenta and poses have the form of `start.parts` even for a few coupled bodies.
+
+        Raises:
+            ValueError: the torque needs concrete numbers where JAX has tracers.
+        """
+        if torque is None:
+            return cls._of(body, None, start, None, reads=False, whole=whole)
+        torque = on_body(torque, body)
+        by_step = is_by_step(torque)
+        try:
+            torque_traits = traits(in_step(torque, t, t, t) if by_step else torque, t, start)
+        except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
+            raise ValueError(
+                "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
+                f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
+            ) from error
+        read = torque_traits.reads[1]
+        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
+        return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)._replace(by_step=by_step)
+
+    @classmethod
+    def _of(
+        cls,
+        body: Body,
+        torque: TorqueLike | None,
+        start: AnyState,
+        found: Traits | None,
+        *,
+        reads: bool,
+        whole: bool,
+    ) -> "System":
+        kind = start.kind if whole else start.kind.of_run(start, found)
+        frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
+        # A separately compiled torque already ends the loops around it; a torque on several bodies is always long.
+        costly = found is not None and (found.costly or kind.several) and not kind.apart
+        long = found is not None and (found.operations if kind == start.kind else found.scalars) > _LONG_TORQUE
+        inertia, frame = kind.constants(inertia, frame)
+        return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
+
+    @property
+    def separate(self) -> bool:
+        """Whether the torque is long and has its own loops.
+
+        A step with a loop that holds one copy of the torque is then equally fast and compiles much faster.
+        """
+        return self.costly and self.long
+
+    def at_step(self, n: Array) -> "System":
+        """The system in the step of this index, which determines the random numbers of a bath."""
+        return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))
+
+    def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
+        """The system in the step from t0 to t1 of length h, with the values of the `ByStep` parts of the torque."""
+        if not self.by_step:
+            return self
+        inertia, torque = in_step((self.inertia, self.torque), t0, t1, h)
+        return self._replace(inertia=inertia, torque=torque)
+
+    @property
+    def keeps_torque(self) -> bool:
+        """Whether the torque at the end of a step equals the torque at the start of the next, at another momentum."""
+        return self.torque is not None and not self.reads_momentum and not self.by_step
+
+    def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
+        """The motion after bath stage number `stage` of the step, with coefficient b, at the time t."""
+        assert self.bath is not None
+        root = None if self.bath.root is None else self.bath.root(t)
+        noise = self.bath.noise(stage, motion.momentum)
+        change = self.kind.bathed(self.bath.exposures[b], root, motion.momentum, motion.pose, noise)
+        return self.pushed(motion, change)
+
+    def loop_boundary(self, tree: T) -> T:
+        """The tree unchanged; marks the border between two parts of a step.
+
+        XLA treats a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
+        every value that is used twice. A costly torque therefore gets its own loops, which end here. With any other
+        torque the step is a single loop; only its derivative is split here, if the torque is long.
+        """
+        return split(tree) if self.costly else fuse_derivative(tree) if self.long else tree
+
+    def _torque_boundary(self, tree: T) -> T:
+        """The tree unchanged; ends the loop before and after a costly torque."""
+        return split(tree) if self.costly else tree
+
+    def motion(self, state: AnyState) -> AnyMotion:
+        motion: AnyMotion = Motion(*self.kind.parts(state))
+        if self.frame is None:
+            return motion
+        return Motion(self.kind.vector_in(self.frame, motion.momentum), self.kind.pose_in(self.frame, motion.pose))
+
+    def state(self, motion: AnyMotion) -> AnyState:
+        user_motion = self.in_user_axes(motion)
+        return self.kind.join(user_motion.momentum, user_motion.pose)
+
+    def in_user_axes(self, motion: Motion[P, Q]) -> Motion[P, Q]:
+        if self.frame is None:
+            return motion
+        pose = self.kind.pose_in(_opposite(self.frame), motion.pose)
+        return Motion(self.vector_in_user_axes(motion.momentum), pose)
+
+    def vector_in_user_axes(self, vector: Any) -> Any:
+        return vector if self.frame is None else self.kind.vector_in(_opposite(self.frame), vector)
+
+    def velocity(self, momentum: P) -> P:
+        """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
+        return self.inertia.velocity(momentum)
+
+    def members(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
+        """The system and the motion of each body that is moved separately; for a few coupled bodies, of each body."""
+        if not isinstance(self.inertia, Inertias):
+            return [(self, motion)]
+        kind: Any = self.kind
+        parts = enumerate(zip(self.inertia.members, motion.momentum, motion.pose, strict=True))
+
+        def system(i: int, inertia: Any) -> System:
+            own = None if self.bath is None else self.bath.of_member(i)
+            return self._replace(inertia=inertia, kind=kind.member, bath=own)
+
+        return [(system(i, inertia), Motion(p, q)) for i, (inertia, p, q) in parts]
+
+    def of_members(self, motions: "list[AnyMotion]") -> AnyMotion:
+        if not isinstance(self.inertia, Inertias):
+            return motions[0]
+        return Motion(tuple(m.momentum for m in motions), tuple(m.pose for m in motions))
+
+    def rotating(self, motion: AnyMotion) -> "tuple[System, AnyMotion]":
+        """The rotation of a body that also translates; otherwise the system and the motion unchanged."""
+        if self.kind.rotation is None:
+            return self, motion
+        system = self._replace(inertia=self.inertia.rotation, kind=self.kind.rotation)
+        return system, Motion(motion.momentum.angular, motion.pose.orientation)
+
+    def rotations(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
+        """The rotation of each body that is moved separately."""
+        return [own.rotating(one) for own, one in self.members(motion)]
+
+    def travelled(self, h: Array, motion: AnyMotion, rotated: AnyMotion) -> AnyMotion:
+        """The motion after a flight that rotates it to `rotated`; a body that translates moves by h p / m."""
+        if self.kind.rotation is None:
+            return rotated
+        linear = motion.momentum.linear
+        position = cp.add(motion.pose.position, cp.scale(h * self.inertia.per_mass, linear))
+        return Motion(Momenta(rotated.momentum, linear), Place(rotated.pose, position))
+
+    def rates(self, motion: Motion[P, Q], h: Array, force: P | None) -> Motion[P, Q]:
+        """h times the right-hand side of the equations of motion."""
+        return Motion(*self.kind.rates(self.inertia, h, motion.momentum, motion.pose, force))
+
+    def pushed(self, motion: Motion[P, Q], change: P) -> Motion[P, Q]:
+        return Motion(*self.kind.push(motion.momentum, motion.pose, change))
+
+    def turned(self, pose: Q, increment: Any, h: Array) -> Q:
+        """The pose after a flight with this increment, in a step of h."""
+        return self.kind.act(pose, increment, h == 0)
+
+    def force(self, t: Array, motion: Motion[P, Any]) -> P:
+        """The torque in principal components, or the force on particles; zero if the system has no torque."""
+        if self.torque is None:
+            return _zeros(motion.momentum)
+        return self._torque_boundary(self._evaluate(self.torque, t, self._torque_boundary(motion)))
+
+    def displaced_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
+        """`gradient_force` up to weight^2, from a second torque in place of a derivative.
+
+        It is the torque at the pose displaced by d = 2 weight w, w = I^-1 T, in the frame before the displacement. A
+        body without translation is rotated by the Rodrigues vector d/2, and the torque is rotated back. A torque
+        without a component about a space-fixed direction therefore keeps this property, and the kick conserves the
+        momentum about that direction. For a body that also translates, both are done to first order.
+
+        Raises:
+            ValueError: the torque depends on the momentum.
+        """
+        if self.torque is None:
+            return _zeros(motion.momentum)
+        torque = self._torque_of_pose()
+        motion = self._torque_boundary(motion)
+
+        def at(pose: Any) -> P:
+            return self._torque_boundary(self._evaluate(torque, t, Motion(motion.momentum, pose)))
+
+        force = at(motion.pose)
+        displacement = jax.tree.map(lambda x: 2 * weight * x, self.velocity(force))
+        if self.kind.turns:
+            x, y, z = cp.scale(0.5, cast(cp.Vector, displacement))
+            share = cp.inverse_root(1 + x * x + y * y + z * z)
+            turn = share, share * x, share * y, share * z
+            return cast(Any, cp.rotate(turn, cast(Any, at(self.kind.act(motion.pose, turn)))))
+        moved = self.kind.shift(motion.pose, self.kind.rate(motion.pose, displacement), jnp.asarray(False))
+        return added(at(moved), 2 * weight, self.inertia.commutator(force))
+
+    def _torque_of_pose(self) -> TorqueLike:
+        """The torque; a ValueError if it reads the momentum, for which a force gradient is undefined."""
+        if self.reads_momentum:
+            raise ValueError(
+                "torque must not depend on the momentum under a scheme with force gradients. Use a scheme without "
+                "gradients."
+            )
+        assert self.torque is not None
+        return self.torque
+
+    def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
+        """The torque of the potential V - weight T . I^-1 T.
+
+        The torque is T + 2 weight (dT + w x T), with w = I^-1 T and dT the rate of change of T while the body rotates
+        with the angular velocity w. The cross product arises because derivatives of a potential along the body axes do
+        not commute; for particles it is absent.
+
+        Raises:
+            ValueError: the torque depends on the momentum.
+        """
+        if self.torque is None:
+            return _zeros(motion.momentum)
+        torque = self._torque_of_pose()
+        motion = self._torque_boundary(motion)
+
+        def at(pose: Any) -> P:
+            return self._evaluate(torque, t, Motion(motion.momentum, pose))
+
+        force = at(motion.pose)
+        velocity = self.velocity(force)
+        _, change = jax.jvp(at, (motion.pose,), (self.kind.rate(motion.pose, velocity),))
+        change = jax.tree.map(jnp.add, change, self.inertia.commutator(force))
+        return self._torque_boundary(added(force, 2 * weight, change))
+
+    def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
+        value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
+        _check_force(self.kind, returned, cp.packed(motion.momentum))
+        return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return constants
+
+    def _vector(self, vector: Any) -> Any:
+        return vector if self.frame is None else self.kind.vector_in(self.frame, vector)
+
+    def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
+        motion = self._torque_boundary(motion)
+        value, _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
+        return self._torque_boundary(value[0])
+
+    def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
+        """A space-fixed direction about which the torque has no component, in principal components; None if unknown.
+
+        Whether it is None does not depend on the motion.
+        """
+        torque = self.torque
+        if not isinstance(torque, Torque) or torque.fixed_axis(self.state(motion)) is None:
+            return None
+        axis, _ = self.evaluate(lambda t, state: cp.pack(cast(Any, torque.fixed_axis(state))), t, motion)
+        return self._vector(axis)
+
+    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> tuple[Any, Any]:
+        """The value `function(t, state)` on components, and the shapes and dtypes of its arrays; see `State`."""
+        user_motion = self.in_user_axes(motion)
+        return self.kind.evaluate(function, t, user_motion.momentum, user_motion.pose)
+
+
+def added(momentum: P, h: Array, force: P) -> P:
+    return jax.tree.map(lambda p, f: p + h * f, momentum, force)
+
+
+def _opposite(frame: Any) -> Any:
+    return tuple(map(cp.conjugate, frame)) if isinstance(frame[0], tuple) else cp.conjugate(frame)
+
+
+def _zeros(momentum: P) -> P:
+    return jax.tree.map(jnp.zeros_like, momentum)
+
+
+def _check_force(kind: Kind, returned: Any, momentum: Any) -> None:
+    if jax.tree.structure(returned) != jax.tree.structure(momentum):
+        if kind.several:
+            shapes = sorted({str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned)})
+            rows = f"{len(returned)} rows for {len(momentum)} bodies" if type(returned) is tuple else ", ".join(shapes)
+            raise ValueError(
+                "the function of coupled bodies must return one row per body, a torque (N, 3) or a "
+                f"midlie_jax.torques.Wrench of two arrays (N, 3), got {rows}."
+            )
+        wanted, cure = f"a {type(momentum).__name__}", "of arrays like the momentum in `State.parts`"
+        if isinstance(momentum, Array):
+            wanted, cure = "one array", "use jnp.stack([...])"
+            if isinstance(returned, Wrench):
+                cure = "a force moves a FreeState of a FreeBody"
+        elif isinstance(momentum, Momenta):
+            wanted, cure = "a midlie_jax.torques.Wrench, or one array for a torque alone", "use jnp.stack([...])"
+        raise ValueError(f"the torque must return {wanted}, got {type(returned).__name__}; {cure}.")
+    for found, like in zip(jax.tree.leaves(returned), jax.tree.leaves(momentum), strict=True):
+        _check_array(found, like)
+
+
+def _check_array(returned: jax.ShapeDtypeStruct, like: Array) -> None:
+    shape, dtype = tuple(returned.shape), returned.dtype
+    if shape == tuple(like.shape) and dtype == like.dtype:
+        return
+    cure = "use jnp.stack([...]) and cast its parameters."
+    if len(shape) > len(like.shape) and shape[len(shape) - len(like.shape) :] == tuple(like.shape):
+        cure = "a parameter with one row per body needs midlie_jax.ensemble (with torque_axes=0), or jax.vmap."
+    raise ValueError(
+        f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got {dtype}{list(shape)}; {cure}"
+    )

@@ -1,0 +1,15 @@
+"""Molecules and rods: bodies from points, forces on their sites, molecule files, elastic rods of coupled bodies.
+
+`read` needs the extra `molecules` (ase), `write_xyz` nothing. In files, lengths are in nm, times in ps, masses in
+amu.
+"""
+
+from .points import from_points as from_points
+from .points import sites as sites
+from .points import wrench_on_sites as wrench_on_sites
+from .reading import Molecules as Molecules
+from .reading import read as read
+from .rod_torque import Rod as Rod
+from .rods import StraightRod as StraightRod
+from .rods import straight_rod as straight_rod
+from .writing import write_xyz as write_xyz

@@ -1,0 +1,149 @@
+"""`read`: rigid molecules from a file of atoms, such as GRO, PDB or LAMMPS data, by ase."""
+
+from os import PathLike
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._checks.arguments import as_count
+from ..model import so3
+from ..model.bodies import RigidBody
+from ..model.free_body import FreeBody
+from ..model.states import CoupledState
+from .points import from_points
+
+_NM_PER_ANGSTROM = 0.1
+_RIGID = 0.01  # the largest difference in nm between the atoms of a molecule and of the first
+
+
+class Molecules(NamedTuple):
+    """N equal rigid molecules.
+
+    Attributes:
+        body: one body for all molecules; moments in amu nm^2.
+        points: the atoms of a molecule in its principal frame, (a, 3), nm.
+        start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities.
+        box: the edges of the box, (3,), nm; zero along axes that are not periodic.
+        symbols: the chemical symbols of the atoms of a molecule.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> body, points, start, box, symbols = ml.molecules.read("water.xyz", atoms=3)
+        >>> body.mass, type(start).__name__
+        (Array(18.015, dtype=float64), 'CoupledState')
+    """
+
+    body: FreeBody
+    points: Any
+    start: CoupledState
+    box: np.ndarray
+    symbols: list[str]
+
+
+def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options: Any) -> Molecules:
+    """Reads molecules of `atoms` consecutive atoms each.
+
+    All molecules have the shape of the first. A molecule that crosses the border of a periodic box is joined at its
+    first atom. Only the rigid part of the velocities is used.
+
+    Args:
+        file: in any format of ase, with positions in the units that ase assumes.
+        atoms: of a molecule, at least 3 and not on one line.
+        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Required for LAMMPS data
+            without a section Masses, where they also determine the elements.
+        options: for `ase.io.read`, such as format="lammps-data", units="real".
+
+    Returns:
+        Body, points, start, box and symbols.
+
+    Raises:
+        ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
+        ValueError: the number of atoms is not a multiple of `atoms`, the box is not rectangular, the molecules differ
+            in shape or elements, the atoms are on a line, or the file has neither elements nor masses.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> water = ml.molecules.read("water.xyz", atoms=3)
+        >>> water.symbols, water.points.shape, water.start.position.shape
+        (['O', 'H', 'H'], (3, 3), (1, 3))
+    """
+    try:
+        from ase import io, units
+    except ImportError as error:
+        raise ImportError("reading molecules needs ase: pip install 'midlie_jax[molecules]'.") from error
+    size = as_count("atoms", atoms)
+    found: Any = io.read(str(file), **options)
+    if len(found) % size or not len(found):
+        raise ValueError(
+            f"{file} must have a multiple of {size} atoms, got {len(found)}. Give the number of atoms per molecule."
+        )
+    if _elements_unknown(found, options):
+        if masses is None:
+            raise ValueError(
+                f"{file} must have a section Masses, got type numbers that ase reads as elements "
+                f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
+            )
+        found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
+    symbols = found.get_chemical_symbols()
+    if symbols != symbols[:size] * (len(found) // size):
+        raise ValueError(f"the molecules must be equal and consecutive, but the elements of {file} do not repeat.")
+    box = _box(found)
+    weights = np.asarray(found.get_masses()[:size] if masses is None else masses, float)
+    places = np.asarray(found.get_positions()).reshape(-1, size, 3) * _NM_PER_ANGSTROM
+    velocities = np.asarray(found.get_velocities()).reshape(-1, size, 3) * (1000 * units.fs * _NM_PER_ANGSTROM)
+    places = places[:, :1] + _nearest(places - places[:, :1], box)
+    body, points = from_points(weights, places[0])
+    if not isinstance(body.body, RigidBody):
+        raise ValueError(
+            "file must have molecules whose atoms are not on a line. Use "
+            "midlie_jax.molecules.from_points and a midlie_jax.CoupledFreeAxisState."
+        )
+    return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
+
+
+def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
+    """Whether ase found neither masses nor elements, as in LAMMPS data without a section Masses."""
+    typed = "type" in atoms.arrays and np.array_equal(atoms.arrays["type"], atoms.numbers)
+    return typed and not atoms.has("masses") and options.get("Z_of_type") is None
+
+
+def _nearest_elements(masses: np.ndarray) -> np.ndarray:
+    """The atomic numbers of the elements with the nearest masses, as ase finds them from a section Masses."""
+    from ase.data import atomic_masses
+
+    return 1 + np.abs(masses[:, None] - atomic_masses[1:]).argmin(axis=1)
+
+
+def _box(atoms: Any) -> np.ndarray:
+    cell = np.asarray(atoms.get_cell())
+    if np.any(np.abs(cell - np.diag(np.diag(cell))) > 1e-9):
+        raise ValueError("the box must be rectangular, with edges along x, y and z.")
+    return np.where(atoms.get_pbc(), np.diag(cell), 0) * _NM_PER_ANGSTROM
+
+
+def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Vectors between nearest images."""
+    edges = np.where(box > 0, box, 1)
+    return way - np.where(box > 0, edges * np.round(way / edges), 0)
+
+
+def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray) -> CoupledState:
+    """The rigid motion nearest to the motion of the atoms: attitudes by Kabsch's method, momenta by sums."""
+    weights = masses[:, None] / masses.sum()
+    position, velocity = np.sum(weights * places, axis=1), np.sum(weights * velocities, axis=1)
+    arms = places - position[:, None]
+    u, _, v = np.linalg.svd(np.einsum("a,nai,aj->nij", masses, arms, points))
+    signs = np.ones((len(places), 3))
+    signs[:, 2] = np.linalg.det(u) * np.linalg.det(v)
+    frames = np.einsum("nij,nj,njk->nik", u, signs, v)
+    missed = np.abs(np.einsum("nij,aj->nai", frames, points) - arms).max()
+    if missed > _RIGID:
+        raise ValueError(
+            f"the molecules differ in shape by {missed:.3g} nm, but must be rigid; give a file of rigid molecules."
+        )
+    spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
+    momentum = np.einsum("nij,ni->nj", frames, spin)
+    return CoupledState(momentum, so3.from_matrix(jnp.asarray(frames)), masses.sum() * velocity, position)

@@ -1,0 +1,265 @@
+"""One-spin fields: an applied field and anisotropies. `neighbours` has the fields of spins on each other.
+
+The field is B = -dH/dS, with the energy H given in each docstring; sums run over the lattice. A lattice has the axes of
+the array of spins before its last one.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import as_floats, as_weak, is_unit, require, require_finite, vector_at
+from .._math import components as cp
+from ..model.state import Time
+from ..model.torques.base import Torque
+from .body import require_lattice
+
+
+class SpinField(Torque):
+    """A field B = -dH/dS on spins, space frame, energy; `torque(t, state)` has the shape of the spins, (*lattice, 3).
+
+    A custom field is a subclass with `field` and `energy`, which work on components.
+
+    Raises:
+        ValueError: when called, the state has no spins, or its lattice does not fit the parameters.
+
+    Examples:
+        >>> class Gradient(ml.spins.SpinField):  # custom: along z, growing along a chain
+        ...     def field(self, t, spin):
+        ...         return (0 * spin[0], 0 * spin[1], jnp.arange(0.0, len(spin[2])))
+        ...     def energy(self, t, spin):
+        ...         return -self.field(t, spin)[2] * spin[2]
+        ...     def is_uniform(self, t):
+        ...         return False
+        >>> chain = ml.spins.SpinState([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+        >>> Gradient()(0.0, chain)[:, 2], Gradient().potential(0.0, chain).item()
+        (Array([0., 1., 2.], dtype=float64), -3.0)
+    """
+
+    @abstractmethod
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        """The field on components of shape (*lattice), or with fewer axes if it is the same for all."""
+
+    def is_uniform(self, t: Time) -> bool:
+        """Whether its parameters are the same for all spins."""
+        del t
+        return True
+
+    @abstractmethod
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        """The energy of each spin or bond, whose sum over all axes is H."""
+
+    def __call__(self, t: Time, state: Any) -> Array:
+        self.check(state)
+        spin = components_of(self, state)
+        return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
+
+    def potential(self, t: Time, state: Any) -> Array:
+        self.check(state)
+        return jnp.sum(self.energy(t, components_of(self, state)))
+
+    def check(self, state: Any) -> None:
+        lattice_of(self, state)
+
+
+def components_of(torque: Torque, state: Any) -> cp.Vector:
+    """The components of the spins, each (*lattice); a ValueError for a state without spins."""
+    lattice_of(torque, state)
+    return cp.vector(state.spin)
+
+
+def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
+    """The shape of the lattice; a ValueError for a state without spins."""
+    if not hasattr(state, "spin"):
+        raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
+    return state.spin.shape[:-1]
+
+
+def in_dtype_of(spin: cp.Vector, axis: Any) -> cp.Vector:
+    x, y, z = (jnp.asarray(a, spin[0].dtype) for a in axis)
+    return x, y, z
+
+
+class AppliedField(SpinField):
+    """An applied field, H = -sum B . S.
+
+    Attributes:
+        value: B, space frame, energy: (3,), or (*lattice, 3); or a function of time t -> one of these.
+
+    Raises:
+        ValueError: a value that is not finite, or whose last axis is not (3,). When called: as `SpinField`.
+
+    Examples:
+        >>> spins = ml.spins.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        >>> torque = ml.spins.AppliedField([0.0, 0.0, 0.5])
+        >>> torque.potential(0.0, spins).item()
+        -0.5
+        >>> torque(0.0, spins)  # the field on each spin
+        Array([[0. , 0. , 0.5],
+               [0. , 0. , 0.5]], dtype=float64)
+    """
+
+    value: Any
+
+    def __init__(self, value: Any):
+        if not callable(value):
+            value = as_floats("value", value, (3,))
+            require_finite("value", value)
+        self.value = value
+
+    def is_uniform(self, t: Time) -> bool:
+        return len(jax.eval_shape(self.value, t).shape if callable(self.value) else self.value.shape) == 1
+
+    def check(self, state: Any) -> None:
+        super().check(state)
+        if not callable(self.value):
+            require_lattice("value", self.value, lattice_of(self, state), (3,))
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        field = vector_at("value", self.value, t)
+        return cp.vector(jnp.asarray(field, spin[0].dtype))
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        return -cp.dot(self.field(t, spin), spin)
+
+
+class OwnField(SpinField):
+    """A field of each spin on itself, through its components along some axes: H = sum over axes of V(S . e).
+
+    The motion under one axis alone is a rotation about it: the component S . e does not change.
+
+    Examples:
+        >>> class Quartic(ml.spins.OwnField):  # custom: H = -K sum (S . z)^4
+        ...     strength: jax.Array
+        ...     def axes(self):
+        ...         return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
+        ...     def along(self, component):
+        ...         return 4 * self.strength * component**3
+        ...     def energy(self, t, spin):
+        ...         return -self.strength * spin[2] ** 4
+        >>> Quartic(jnp.array(0.5))(0.0, ml.spins.SpinState([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]))[:, 2].round(6)
+        Array([1.024, 0.   ], dtype=float64)
+    """
+
+    strength: eqx.AbstractVar[Array]
+
+    def is_uniform(self, t: Time) -> bool:
+        del t
+        return not self.strength.ndim
+
+    @abstractmethod
+    def axes(self) -> tuple[Any, ...]:
+        """Unit vectors, each (3,)."""
+
+    @abstractmethod
+    def along(self, component: Array) -> Array:
+        """The field along an axis, -V'(S . e)."""
+
+    @property
+    def linear(self) -> Array | None:
+        """The ratio of the field along an axis to the component of the spin, if constant; otherwise None."""
+        return None
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        del t
+        total = cp.scale(0, spin)
+        for axis in self.axes():
+            axis = in_dtype_of(spin, axis)
+            total = cp.add(total, cp.scale(self.along(cp.dot(axis, spin)), axis))
+        return total
+
+
+class Anisotropy(OwnField):
+    """Uniaxial anisotropy, H = -K sum (S . e)^2: an easy axis with K > 0, an easy plane with K < 0.
+
+    Attributes:
+        strength: K, energy, () or in the shape of the lattice.
+        axis: the unit vector e, space frame, (3,).
+
+    Raises:
+        ValueError: a strength that is not finite, or an axis that is not a unit vector (3,). When called: as
+            `SpinField`.
+
+    Examples:
+        >>> spins = ml.spins.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # one along z, one across
+        >>> torque = ml.spins.Anisotropy(0.25)  # z is easy
+        >>> torque.potential(0.0, spins).item()
+        -0.25
+        >>> torque(0.0, spins)  # the field on each spin
+        Array([[0. , 0. , 0.5],
+               [0. , 0. , 0. ]], dtype=float64)
+    """
+
+    strength: Float[Array, "*#lattice"]
+    axis: Float[Array, " 3"]
+
+    def __init__(self, strength: Any, axis: Any = (0.0, 0.0, 1.0)):
+        self.strength = as_floats("strength", strength)
+        require_finite("strength", self.strength)
+        axis = as_floats("axis", np.asarray(axis, float) if isinstance(axis, tuple | list) else axis, (3,))
+        if axis.ndim != 1:
+            raise ValueError(f"axis must have shape (3,), got {axis.shape}.")
+        require("axis", axis, is_unit, "must be a unit vector", "divide it by its norm.")
+        weak = self.strength.weak_type and not cp.is_traced(axis)
+        self.axis = as_weak(axis) if weak else axis.astype(self.strength.dtype)
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
+
+    def axes(self) -> tuple[Any, ...]:
+        return (cp.vector(self.axis),)
+
+    def along(self, component: Array) -> Array:
+        return 2 * self.strength * component
+
+    @property
+    def linear(self) -> Array:
+        return 2 * self.strength
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        component = cp.dot(cp.vector(self.axis), spin)
+        return -self.strength * component * component
+
+
+class CubicAnisotropy(OwnField):
+    """Cubic anisotropy, H = K sum (x^2 y^2 + y^2 z^2 + z^2 x^2): easy along the axes with K > 0.
+
+    Attributes:
+        strength: K, energy, () or in the shape of the lattice.
+
+    Raises:
+        ValueError: a strength that is not finite. When called: as `SpinField`.
+
+    Examples:
+        >>> spins = ml.spins.SpinState([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
+        >>> round(float(ml.spins.CubicAnisotropy(1.0).potential(0.0, spins)), 6)  # x^2 y^2 of the second spin
+        0.2304
+    """
+
+    strength: Float[Array, "*#lattice"]
+
+    def __init__(self, strength: Any):
+        self.strength = as_floats("strength", strength)
+        require_finite("strength", self.strength)
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
+
+    def axes(self) -> tuple[Any, ...]:
+        return tuple(cp.vector(row) for row in jnp.eye(3, dtype=self.strength.dtype))
+
+    def along(self, component: Array) -> Array:
+        """For unit vectors H is K/2 sum (1 - x^4 - y^4 - z^4)."""
+        return 2 * self.strength * component * component * component
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        x, y, z = (component * component for component in spin)
+        return self.strength * (x * y + y * z + z * x)

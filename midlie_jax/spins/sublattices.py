@@ -1,0 +1,357 @@
+"""`Sublattices`: one sublattice after the other rotates in the field of the others, which are held fixed.
+
+No spin acts on another spin of its sublattice. While the others are fixed, the field is constant and each spin rotates
+about it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau,
+Comput. Phys. Commun. 111, 1998, 1). Every such rotation conserves the energy of all fields that are linear in the spin.
+The method is explicit and reversible and preserves phase-space volume. It is not symplectic: no Hamiltonian rotates one
+sublattice in the field of the others and keeps the others fixed.
+"""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._math import components as cp
+from .._xla.fusion import split
+from .._xla.structure import once_for_numbers
+from ..integrators.base import Method
+from ..integrators.scheme import Scheme
+from ..integrators.system import AnyMotion, Motion, System
+from ..model.bodies import Body
+from ..model.state import AnyState
+from ..model.torques import kept_terms, on_body, terms_of, without_bath
+from ..model.torques.by_step import is_by_step
+from .body import Spins, checkerboard
+from .checkered import Checkered, can_be_checkered, checkered_kind
+from .fields import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
+from .neighbours import NeighbourField
+from .state import SpinState
+from .thermal_field import ThermalField
+from .turns import damped, turned, turned_by_own, unit
+from .word import BATH, KICK, order_of_parts, rows_of_loop, word
+
+CLOCK, OWN = "clock", "own"
+
+
+class OnSublattices(eqx.Module):
+    """The spins of a run.
+
+    Attributes:
+        spins: the body.
+        labels: the sublattice of each spin, (*lattice), if spins are selected by it, or None.
+        count: the number of sublattices.
+        own: the fields of spins on themselves.
+        terms: the other fields, if all belong to this package.
+        checkered: the neighbour tables, if the two sublattices of a checkerboard are separate arrays.
+    """
+
+    spins: Spins
+    labels: Any
+    count: int = eqx.field(static=True)
+    own: tuple[OwnField, ...]
+    terms: tuple[Any, ...]
+    checkered: Checkered | None
+
+
+class Sublattices(Method):
+    """SUBLATTICES[SCHEME]: rotations of sublattices in the order and with the coefficients of a scheme.
+
+    Two sublattices replace the kicks and the flights of the scheme. More sublattices, and fields of spins on
+    themselves, are nested: every table for two parts is a sequence of first-order steps and their adjoints, which
+    extend to any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995, 151).
+
+    Attributes:
+        scheme: a table without gradients. Composed tables (TJ4, S4, Y6, KL6, SU8, KL8) keep their order; others reach
+            at most 4, because their higher orders require a property of kicks that sublattices lack.
+    """
+
+    scheme: Scheme = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)
+    symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
+    bodies: type = eqx.field(static=True)
+    evaluations: int = eqx.field(static=True)
+
+    def __init__(self, scheme: Scheme):
+        if scheme.gradients:
+            raise ValueError(
+                f"scheme {scheme.name!r} uses gradients of forces, which sublattices do not have; choose "
+                "another, such as SRKN6b or KL6."
+            )
+        self.scheme = scheme.merged()
+        self.name = f"SUBLATTICES[{scheme.name}]"
+        self.order = order_of_parts(scheme)
+        self.symmetric = scheme.symmetric
+        self.symplectic = self.keeps_momentum = False
+        self.bodies = Spins
+        self.evaluations = sum(kind != BATH for kind, _ in self.scheme.stages) - self.scheme.reuses_force
+
+    @property
+    def random(self) -> bool:
+        return self.scheme.random
+
+    @property
+    def is_divided(self) -> bool:
+        return True
+
+    def keeps_force(self, system: System) -> bool:
+        """Whether the first sublattice's field at the end of a step is kept: it is constant during its rotation."""
+        reused = self.scheme.reuses_force and not self.random
+        return system.keeps_torque and reused and system.inertia.checkered is None
+
+    def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
+        """Raises unless the fields come from other sublattices, or have a known closed form.
+
+        In an ensemble, a custom function is tested if its parameters fit one lattice.
+        """
+        lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
+        rest, _ = without_bath(torque)
+        terms = terms_of(rest)
+        for term in terms if body.damping is not None else ():
+            if isinstance(term, OwnField) and not isinstance(term, Anisotropy) and term.linear is None:
+                raise ValueError(
+                    f"a damped spin under {type(term).__name__} has no closed form; use the method 'spherical "
+                    "midpoint', or leave out damping or this field."
+                )
+        count = _count(body, terms, lattice)
+        for term in terms:
+            if isinstance(term, NeighbourField):
+                once_for_numbers(_check_neighbours, term, body, lattice)
+            elif not isinstance(term, OwnField | AppliedField):
+                once_for_numbers(_check_function, term, body, lattice, count, str(dtype), not batch)
+
+    def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
+        assert isinstance(body, Spins)
+        rest, bath = without_bath(torque)
+        terms = terms_of(rest)
+        own = tuple(term for term in terms if isinstance(term, OwnField))
+        others = kept_terms(rest, lambda term: not isinstance(term, OwnField))
+        system = System.of(body, others, start, t)
+        # Library fields are sums over neighbours, which fuse with the rotation; any other function is evaluated
+        # separately.
+        costly = not all(isinstance(term, SpinField) for term in terms)
+        lattice = start.momentum.shape[:-1]
+        checkered = Checkered.of(lattice) if can_be_checkered(body, terms, lattice, t) else None
+        count = _count(body, terms, lattice)
+        labels = _labels(body, lattice) if count > 1 and checkered is None else None
+        inertia = OnSublattices(body, labels, count, own, tuple(terms_of(others)), checkered)
+        system = system._replace(inertia=inertia, costly=costly)
+        if checkered is not None:
+            system = system._replace(kind=checkered_kind(lattice))
+        if self.random:
+            assert isinstance(bath, ThermalField)
+            bath.check_on(start, body)
+            system = system._replace(bath=bath.on_spins(body, system.kind, start))
+        return system._replace(by_step=is_by_step(rest))
+
+    def loops_for(self, system: System) -> bool:
+        """Whether the step is a loop over its stages, which holds two copies of the field instead of many."""
+        return self.scheme.alternates and self.scheme.flights > 1 and system.torque is not None
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
+        parts = _Parts.of(system)
+        take = self._step_in_loop if self.loops_for(system) else self._step_unrolled
+        spin = motion.momentum
+        if system.inertia.spins.damping is not None:
+            # The closed forms of damping hold for unit vectors. Opposite to the field they amplify an error of length
+            # faster than the spin leaves that direction, so rounding errors would grow without bound.
+            spin = split(unit(spin) if system.inertia.checkered is None else tuple(map(unit, spin)))
+        spin, known = take(parts, system, t0, t1, h, spin, force)
+        if system.inertia.spins.damping is not None:  # a step of length zero changes no length
+            spin = jax.tree.map(lambda old, new: jnp.where(h == 0, old, new), motion.momentum, split(spin))
+        return Motion(spin, ()), known if self.keeps_force(system) else None, True
+
+    def _step_unrolled(
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
+    ) -> tuple[Any, Any]:
+        """The spins after a step; `known` is the field on the first sublattice until another rotates."""
+        elapsed, baths = 0.0, 0
+        for number, coefficient in word(self.scheme, len(parts.names)):
+            t = t0 if elapsed == 0 else t1 if abs(elapsed - 1) < 1e-12 else t0 + elapsed * h
+            known = known if number == 0 else None
+            if isinstance(number, str):
+                bath: Any = system.bath
+                spin = split(bath.turned(coefficient * h, t, baths, spin))
+                baths += 1
+            elif parts.names[number] == CLOCK:
+                elapsed += coefficient
+            else:
+                spin, known = parts.turn(number, coefficient * h, t, spin, known)
+        return spin, known
+
+    def _step_in_loop(
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
+    ) -> tuple[Any, Any]:
+        """`_step_unrolled` as a loop of steps X and adjoint steps X* of `word.py`, without the last rotation of X*."""
+        first, last = 0, len(parts.names) - 1
+        middle = [*range(1, last)]
+        if self.scheme.stages[0][0] != KICK:
+            first, last, middle = last, first, middle[::-1]
+        *rows, end = rows_of_loop(self.scheme)
+
+        def through(order: list[int], a: Array, before: Array, after: Array, spin: Any) -> Any:
+            t = before
+            for number in order:
+                if parts.names[number] == CLOCK:
+                    t = after
+                else:
+                    spin, _ = parts.turn(number, a * h, t, spin, None)
+            return spin
+
+        def time(c: Array) -> Array:
+            return jnp.where(c == 0, t0, jnp.where(c == 1, t1, t0 + c * h))
+
+        def iteration(carry: Any, row: tuple[Array, ...]) -> tuple[Any, None]:
+            spin, field = carry
+            outer, forth, inner, back, *times = row
+            begin, between, after = map(time, times)
+            spin, _ = parts.turn(first, outer * h, begin, spin, field)
+            spin = through(middle, forth, begin, between, spin)
+            spin, _ = parts.turn(last, inner * h, between, spin, None)
+            spin = through(middle[::-1], back, between, after, spin)
+            return (spin, split(parts.field(first, after, spin))), None
+
+        known = parts.field(first, t0, spin) if known is None else known
+        columns = tuple(jnp.asarray(x, h.dtype) for x in zip(*rows, strict=True))
+        (spin, known), _ = jax.lax.scan(iteration, (spin, known), columns)
+        spin, _ = parts.turn(first, end[0] * h, t1, spin, known)
+        return spin, known
+
+
+class _Parts(eqx.Module):
+    """The parts of a step, which rotate in turn.
+
+    Attributes:
+        names: for each part the number of its sublattice, or CLOCK, which advances time, or the index in `own`.
+        own: pairs of a field of spins on themselves, and one of its axes.
+        system: of the run.
+    """
+
+    names: tuple[Any, ...]
+    own: list[tuple[OwnField, Any]]
+    system: System
+
+    @classmethod
+    def of(cls, system: System) -> "_Parts":
+        on: OnSublattices = system.inertia
+        own = [(term, axis) for term in on.own for axis in term.axes()]
+        sublattices = [*range(on.count)] if system.torque is not None else []
+        names = *sublattices[:1], CLOCK, *((OWN, i) for i in range(len(own))), *sublattices[1:]
+        return cls(names, own, system)
+
+    def field(self, number: int, t: Array, spin: Any) -> Any:
+        name, checkered = self.names[number], self.system.inertia.checkered
+        if not isinstance(name, int):
+            return None
+        if checkered is not None:
+            return checkered.field(self.system, name, t, spin)
+        return self.system.force(t, Motion(spin, ()))
+
+    def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
+        """The spins after a part has rotated for a time, and the field on it, given or at the time t."""
+        name, on = self.names[number], self.system.inertia
+        if isinstance(name, tuple):
+            own = partial(_own_turn, on.spins, *self.own[name[1]], time)
+            return own(spin) if on.checkered is None else tuple(map(own, spin)), None
+        if name == CLOCK:
+            return spin, None
+        field = self.field(number, t, spin) if field is None else field
+        if on.checkered is not None:
+            moved = split(_turn(on.spins, field, time, spin[name], None))
+            return (moved, spin[1]) if name == 0 else (spin[0], moved), field
+        mask = None if on.labels is None else jnp.asarray(on.labels) == name
+        return split(_turn(on.spins, field, time, spin, mask)), field
+
+
+def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
+    moved = turned(spin, cp.scale(spins.rate * time, field))
+    if spins.damping is not None:
+        moved = damped(moved, field, spins.damping * spins.rate * time)
+    return moved if mask is None else cp.where(mask, moved, spin)
+
+
+def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
+    axis = in_dtype_of(spin, axis)
+    if spins.damping is not None:
+        assert term.linear is not None
+        return turned_by_own(spin, axis, term.linear * spins.rate, time, spins.damping)
+    angle = spins.rate * time * term.along(cp.dot(axis, spin))
+    return turned(spin, cp.scale(angle, axis))
+
+
+def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
+    """The number of sublattices: given by the body, or one if no spin acts on another, or two."""
+    if body.sublattices is not None:
+        if body.sublattices.shape != lattice:
+            raise ValueError(f"sublattices must have the shape {lattice} of the lattice, got {body.sublattices.shape}.")
+        return body.count
+    alone = all(isinstance(term, SpinField) and not isinstance(term, NeighbourField) for term in terms)
+    return 1 if alone or not lattice else 2
+
+
+def _labels(body: Any, lattice: tuple[int, ...]) -> Any:
+    return checkerboard(lattice).astype(np.int8) if body.sublattices is None else body.sublattices
+
+
+def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...]) -> None:
+    if cp.is_traced(body.sublattices):
+        return
+    for axis, size in enumerate(lattice):
+        odd = term.closes(axis) and size % 2 == 1
+        if odd if body.sublattices is None else _have_same(np.asarray(body.sublattices), axis, term.closes(axis)):
+            where = f"axis {axis}, which is periodic with an odd number of {size} sites" if odd else f"axis {axis}"
+            raise ValueError(
+                f"{type(term).__name__} acts between spins of one sublattice along {where}; give "
+                "Spins(sublattices=...) with different neighbours, or use the method 'spherical "
+                "midpoint'."
+            )
+
+
+def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
+    same = labels == np.roll(labels, -1, axis)
+    return bool(np.any(same if closes else np.delete(same, -1, axis)))
+
+
+def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int, dtype: str, one: bool) -> None:
+    """Raises if a custom field depends on spins of the sublattice on which it acts.
+
+    At random spins, the derivative of the field along changes of one sublattice must vanish on that sublattice.
+
+    Args:
+        one: whether the function belongs to one lattice; otherwise its parameters may have a row for each.
+    """
+    field = on_body(term, body)
+    if cp.is_traced(*jax.tree.leaves(field), body.sublattices):
+        return
+    drawn = np.random.default_rng(0).normal(size=(2, *lattice, 3)).astype(dtype)
+    spin = drawn[0] / np.linalg.norm(drawn[0], axis=-1, keepdims=True)
+    numbers = np.zeros(lattice, np.int8) if count == 1 else np.asarray(_labels(body, lattice))
+    eps, time = np.finfo(dtype).eps, jnp.zeros((), dtype)
+    for number in range(count):
+        here = numbers == number
+        tangent = jnp.asarray(np.where(here[..., None], drawn[1], 0))
+        try:
+            value, change = jax.jvp(
+                lambda x: field(time, SpinState.unchecked(spin=x)), (jnp.asarray(spin),), (tangent,)
+            )
+        except (TypeError, ValueError):
+            if one:
+                raise
+            return  # its parameters have a row for each lattice
+        if value.shape != spin.shape or cp.is_traced(value, change):
+            return  # the run raises; or the function holds unknown numbers
+        if np.any(np.abs(np.asarray(change)[here]) > 64 * eps * (1 + np.abs(np.asarray(value)).max())):
+            raise ValueError(
+                f"the field depends on spins of sublattice {number}, on which it acts; give "
+                "Spins(sublattices=...) without such interactions, or use the method 'spherical "
+                "midpoint'."
+            )

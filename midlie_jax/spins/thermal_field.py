@@ -1,0 +1,107 @@
+"""`ThermalField`: the random field of a heat bath on damped spins."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._math import components as cp
+from .._math.normals import normals
+from ..model.bath import root_of
+from ..model.state import AnyState, Time
+from ..model.torques.bath import Langevin
+from .body import Spins
+from .turns import turned
+
+
+class ThermalField(Langevin):
+    """The heat bath of damped spins: a random field whose strength follows from temperature and damping.
+
+    A term of a sum of torques, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
+    acts in the flights. The stage rotates each spin about a random axis, as Brownian motion on the sphere with the
+    diffusion constant D = kT g alpha: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
+    exp(-H/kT) is approached with an error of second order in the step (weak order 2). D h of a stage, for its part of
+    the step, must be at most 1; above, the spins are NaN and `ok` is False.
+
+    The random numbers depend only on the key, on the index of the step and of the stage, and on the site of the spin in
+    the lattice.
+
+    Attributes:
+        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
+        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
+
+    Raises:
+        ValueError: a negative temperature, or a key that is not typed. When a run begins: spins without damping,
+            several keys for one run, or a method without the stage.
+
+    Examples:
+        >>> up = ml.spins.SpinState(jnp.tile(jnp.array([0.0, 0.0, 1.0]), (100, 1)))
+        >>> torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(0.7, jax.random.key(0))
+        >>> path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(damping=0.5), torque, up, dt=0.1, steps=20)
+        >>> path.states.spin.shape, bool(path.ok)
+        ((21, 100, 3), True)
+    """
+
+    def __init__(self, kT: Any, key: Any):
+        super().__init__(kT, 0.0, key)  # the friction is the damping of the spins
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        self.check_numbers()
+        return jnp.zeros_like(state.momentum)
+
+    def check_kind(self, state: AnyState, body: Any) -> None:
+        if not isinstance(body, Spins):
+            raise ValueError(
+                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies use Langevin."
+            )
+        if body.damping is None:
+            raise ValueError("ThermalField needs a damping, which sets its strength; use Spins(damping=...).")
+
+    def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
+        assert body.damping is not None
+        shape = start.spin.shape[:-1]
+        places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
+        numbered, _ = kind.parts(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
+        member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
+        return BathOfSpins(self.root, self.words, (body.damping * body.rate).astype(start.spin.dtype), member)
+
+
+def _is_vector(tree: Any) -> bool:
+    return isinstance(tree, tuple) and bool(tree) and isinstance(tree[0], Array)
+
+
+class BathOfSpins(NamedTuple):
+    """A `ThermalField`, prepared for the steps of a run.
+
+    Attributes:
+        root: the function of time sqrt(kT).
+        key: two or four words, uint32, of the random key.
+        mobility: g alpha, () or in the shape of the lattice.
+        member: the site of each spin in the lattice, in the form of the components of the spins.
+        step: the index of the step, or None outside a step.
+    """
+
+    root: Callable[[Any], Array]
+    key: tuple[Array, ...]
+    mobility: Array
+    member: Any
+    step: Array | None = None
+
+    def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
+        """The spins after the time h at the time t, in stage `stage` of the step.
+
+        Three normal numbers of variance 2 D h (1 - D h / 6) rotate each spin. The mean of every spherical harmonic of
+        the spin then agrees with Brownian motion up to h^3. For D h > 1, where this expansion fails, the spins are NaN.
+        """
+        spread = self.mobility * h * self.root(t) ** 2
+        size = root_of(2 * spread * jnp.where(spread <= 1, 1 - spread / 6, jnp.nan))
+
+        def one(member: Array, spin: cp.Vector) -> cp.Vector:
+            assert self.step is not None
+            x, y, z = normals(self.key, (self.step, stage, member), 3, self.mobility.dtype)
+            return turned(spin, cp.scale(size, (x, y, z)))
+
+        return jax.tree.map(one, self.member, spin)
