@@ -27,8 +27,8 @@ from .drivers.stepper import Stepper as Stepper
 from .drivers.stepper import stepper as stepper
 from .drivers.variable_step import integrate_variable_step as integrate_variable_step
 from .fitting import fit as fit
-from .integrators.as_typed import flights as flights
-from .integrators.as_typed import schemes as schemes
+from .integrators import flights as flights
+from .integrators import schemes as schemes
 from .integrators.registry import method as method
 from .integrators.registry import methods as methods
 from .model import densities as densities

@@ -106,7 +106,8 @@ def test_the_core_alone_integrates(newcomer):
         body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
-        assert path.ok and abs(ml.observe.energy(body, torque, path) - ml.observe.energy(body, torque, start)).max() < 1e-3
+        energy = ml.observe.energy
+        assert path.ok and abs(energy(body, torque, path) - energy(body, torque, start)).max() < 1e-3
         print(ml.__version__)
     """
     done, _ = newcomer(f"python -c {shlex.quote(textwrap.dedent(program))}")

@@ -14,7 +14,7 @@ from cases import at, rows, run, setup, true_motion, turn
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.integrators import as_typed, schemes
+from midlie_jax.integrators import schemes
 from midlie_jax.integrators.scheme_order import pendulums
 
 
@@ -232,19 +232,6 @@ def test_force_gradient_refuses_a_torque_of_the_momentum():
     drag = ml.torques.VelocityDependent(lambda t, state: -state.momentum)
     with pytest.raises(ValueError, match="must not depend on the momentum under a scheme with force gradients"):
         ml.integrate("JACOBI[CHIN4A]", body, drag, start, dt=0.1, steps=1)
-
-
-@pytest.mark.parametrize("seen", [as_typed.flights, as_typed.schemes])
-def test_type_checkers_see_the_names_of_the_modules(seen):
-    """Those that a module defines or shows to others; see `typed.py` for what type checkers make of them."""
-    module = getattr(ml, seen.__name__)
-    shown = {name: value for name, value in vars(seen).items() if not name.startswith("_")}
-    for name, value in shown.items():
-        assert getattr(module, name) is (value.__func__ if isinstance(value, staticmethod) else value), name
-    public = {name: value for name, value in vars(module).items() if not name.startswith("_")}
-    tables = {name for name, value in public.items() if name.isupper() or isinstance(value, schemes.Scheme)}
-    kinds = {name for name, value in public.items() if isinstance(value, type) and issubclass(value, ml.flights.Flight)}
-    assert tables | kinds <= set(shown)
 
 
 def test_uses_that_type_checkers_accept_run():

@@ -38,6 +38,7 @@ from unit_cases import (
 import midlie_jax as ml
 from midlie_jax._checks.arguments import require_resolved
 from midlie_jax.drivers.arguments import check_clock
+from midlie_jax.drivers.observe.observables import QUANTITIES
 from midlie_jax.model import densities, orbits, torques
 
 # Powers of two of the units of length, mass and time in which the numbers of this file, of about one, are SI values.
@@ -148,16 +149,27 @@ def public(module: Any, kind: Any = object) -> set[str]:
     }
 
 
+ROOMS = (ml.asteroids, ml.molecules, ml.spacecraft, ml.spins)
+
+
+def shown(*modules: Any) -> dict[str, Any]:
+    """The public functions and classes of modules that list their names."""
+    found = {name: getattr(module, name) for module in modules for name in module.__all__}
+    return {name: value for name, value in found.items() if callable(value)}
+
+
 def test_every_public_name_is_under_the_law_or_has_no_units():
     """A new torque, orbit, density, observable or function is named here or above, or this fails."""
     tried = {name.split()[0].split(".")[0] for name in CASES}
     named = {name.split()[0] for name in (*TORQUES, *ORBITS, *DENSITIES)}
-    assert public(torques, torques.Torque) | public(orbits) | public(densities) == named | WITHOUT_UNITS
+    classes = {name: value for name, value in shown(*ROOMS).items() if isinstance(value, type)}
+    of_rooms = {name for name, value in classes.items() if issubclass(value, torques.Torque)}
+    assert public(torques, torques.Torque) | of_rooms | public(orbits) | public(densities) == named | WITHOUT_UNITS
     quantities = public(ml.observe, ml.observe.Observable)
+    quantities |= {name for name, value in classes.items() if issubclass(value, ml.observe.Observable)}
     assert quantities <= tried | OBSERVED, quantities - tried - OBSERVED
-    functions = {
-        name for name in vars(ml)["__all__"] if callable(getattr(ml, name)) and not isinstance(getattr(ml, name), type)
-    }
+    functions = {name for name, value in shown(ml, *ROOMS).items() if not isinstance(value, type)}
+    functions |= {function.__name__ for function in QUANTITIES}
     assert functions <= tried | RUNS, functions - tried - RUNS
 
 
@@ -166,7 +178,7 @@ OBSERVED = {"Axis", "Function", "Observable", "Together"}
 # Functions that run others, or take numbers without units: names, keys, points of no dimension.
 RUNS = {
     *("check", "ensemble", "fit", "integrate", "integrate_variable_step", "method", "methods", "recommend", "scatter"),
-    *("simulate", "stepper", "checkerboard", "flights", "schemes"),
+    *("simulate", "stepper", "checkerboard", "read", "write_xyz"),
 }
 
 

@@ -265,7 +265,7 @@ def box_light(u: Units) -> tuple[Any, Any]:
 
 
 def observed(observable: Any) -> Callable[..., Any]:
-    return lambda torque, body, state, t: observable.of(t, state, body, torque)
+    return lambda torque, body, state, t: ml.observe.as_observe(observable).of(t, state, body, torque)
 
 
 def scene(u: Units) -> tuple[Any, ...]:
@@ -352,12 +352,11 @@ FUNCTIONS = {
     ),
     "EllipsoidBrightness": of(lambda light, state: light(0.0, state), light, AREA),
     "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
-    "Energy": of(observed(ml.observe.energy), scene, ENERGY),
-    "SpatialMomentum": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
-    "AngularVelocity": of(observed(ml.observe.angular_velocity), scene, RATE),
-    "Position": of(observed(ml.observe.position), scene, LENGTH),
-    "Velocity": of(observed(ml.observe.linear_velocity), scene, SPEED),
-    "Tumbling": of(lambda *x: tuple(observed(ml.asteroids.tumble)(*x)), scene, TUMBLE),
+    "energy in a run": of(observed(ml.observe.energy), scene, ENERGY),
+    "spatial_momentum in a run": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
+    "angular_velocity in a run": of(observed(ml.observe.angular_velocity), scene, RATE),
+    "position in a run": of(observed(ml.observe.position), scene, LENGTH),
+    "linear_velocity in a run": of(observed(ml.observe.linear_velocity), scene, SPEED),
 }
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count, require_numbers
-from .._checks.renamed import old_name
 from ..drivers.arguments import as_method, as_scalar, check_clock, check_system
 from ..drivers.ensemble import as_batch
 from ..integrators.base import Method
@@ -112,8 +111,6 @@ class Check(NamedTuple):
     jump_error: float
     error: float
     judged: str
-
-    order = old_name("Check", "order", "harmonic")
 
     @property
     def parts(self) -> list[tuple[str, str]]:

@@ -71,7 +71,8 @@ def why_none(
 def _stiffness(largest_rate: float, motion_rate: float) -> str:
     return (
         f"Its largest rate at the start is {largest_rate:.1e} per unit of time, while the rate of the motion is "
-        f"{motion_rate:.1e}. Use an implicit solver of diffrax: Kvaerno5() with midlie_jax.diffrax.RigidBodyTerm(body, torque)."
+        f"{motion_rate:.1e}. Use an implicit solver of diffrax: Kvaerno5() with "
+        "midlie_jax.diffrax.RigidBodyTerm(body, torque)."
     )
 
 

@@ -112,7 +112,8 @@ class Brightness(Light):
 
     Examples:
         >>> cube = ml.Surface.box([2.0, 2.0, 2.0])
-        >>> light = ml.asteroids.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=ml.asteroids.Lambert())
+        >>> law = ml.asteroids.Lambert()
+        >>> light = ml.asteroids.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=law)
         >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
         >>> round(float(light(0.0, state)), 6)  # the Sun lights one face, area 4, seen with mu = 0.6; mu0 = 1
         2.4

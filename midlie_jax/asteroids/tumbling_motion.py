@@ -24,6 +24,7 @@ from .._checks.arguments import as_floats, require, require_finite, shown
 from .._math import components as cp
 from .._math.complete import amplitude, complete, fraction_of
 from .._math.powers import unit as power_of_two
+from ..drivers.observe.observables import QUANTITIES
 from ..model import so3
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import check_body, check_state
@@ -385,3 +386,6 @@ def _smallest_turn(a: Array, b: Array) -> Array:
     parts = (w, *cp.cross(ca, cb))
     w, x, y, z = (jnp.where(opposite, b, a) for a, b in zip(parts, other, strict=True))
     return cp.pack(cp.normalised((w, x, y, z)))
+
+
+QUANTITIES[tumble] = lambda t, state, body, torque: tumble(body, state)

@@ -78,7 +78,8 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     def __init__(self, body: Any, torque: Any = None, *, torque_of_args: Any = None):
         if not isinstance(body, Body):
             raise ValueError(
-                f"body must be a midlie_jax.RigidBody, TensorBody, FreeBody, SymmetricRotor or Particles, got {described(body)}."
+                "body must be a midlie_jax.RigidBody, TensorBody, FreeBody, SymmetricRotor or Particles, got "
+                f"{described(body)}."
             )
         if torque is not None and torque_of_args is not None:
             raise ValueError("give torque or torque_of_args, not both; add torques with midlie_jax.torques.Sum.")

@@ -3,9 +3,7 @@
 To add a custom scheme, create a `midlie_jax.schemes.Scheme`, which measures its order.
 """
 
-import sys
 from itertools import pairwise
-from types import ModuleType
 from typing import Any
 
 from . import rkn8 as _rkn8
@@ -343,11 +341,11 @@ SCHEMES = {
 }
 
 
-class _CallableModule(ModuleType):
-    """A module that can also be called: `midlie_jax.schemes.names()` as well as `midlie_jax.schemes.SRKN6B`."""
+def names() -> Listing:
+    """The names of the schemes, best first; the list prints as a table of when to use each scheme.
 
-    def __call__(self) -> Listing:
-        return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})
-
-
-sys.modules[__name__].__class__ = _CallableModule
+    Examples:
+        >>> ml.schemes.names()[:2]
+        ['EA', 'CHIN4A']
+    """
+    return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})

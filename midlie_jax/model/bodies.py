@@ -14,7 +14,6 @@ from jax import Array
 from jaxtyping import Float
 
 from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
-from .._checks.renamed import old_name
 from .._math import components as cp
 from .._math.powers import unit as power_of_two
 from . import masses, so3
@@ -70,7 +69,8 @@ class Body(eqx.Module):
     (`State.parts`).
 
     Examples:
-        >>> [isinstance(body, ml.Body) for body in (ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0))]
+        >>> bodies = ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0)
+        >>> [isinstance(body, ml.Body) for body in bodies]
         [True, True, True]
         >>> ml.RigidBody(jnp.ones((1000, 3))).batch
         (1000,)
@@ -259,7 +259,6 @@ class TensorBody(Body):
 
     principal: RigidBody
     frame: Float[Array, "*batch 4"]
-    axes = old_name("TensorBody", "axes", "frame")
 
     def __init__(self, tensor: Any, *, physical: bool = True):
         self.principal, axes = RigidBody.from_tensor(tensor, physical=physical)

@@ -95,7 +95,7 @@ class TorqueSize(eqx.Module):
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0)
-        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)  # for ml.integrate_variable_step
+        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)
         >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))
         >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
         >>> round(float(density(0.0, lying)), 4), round(float(density(0.0, upright)), 4)
@@ -134,7 +134,7 @@ class Spin(eqx.Module):
         ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.
 
     Examples:
-        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_variable_step
+        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)
         >>> fast = ml.RigidState([0.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0])
         >>> round(float(density(0.0, fast)), 3)  # steps 5 times shorter than at the reference
         5.001

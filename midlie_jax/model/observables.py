@@ -219,6 +219,24 @@ def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     return _velocity(body, state).linear
 
 
+def position(state: AnyState) -> Float[Array, "*batch 3"]:
+    """The position of the centre of mass of a body that translates, space frame, length, (..., 3).
+
+    Args:
+        state: as for `linear_momentum`. For coupled bodies the positions are (..., N, 3).
+
+    Raises:
+        ValueError: the state does not translate.
+
+    Examples:
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> ml.observe.position(thrown)
+        Array([0. , 0. , 1.5], dtype=float64)
+    """
+    return _travelling(state).position
+
+
 def _travelling(state: Any) -> Any:
     if not isinstance(state, TravellingState):
         raise ValueError(f"a {type(state).__name__} does not translate; use a FreeState or a FreeAxisState.")

@@ -25,7 +25,8 @@ class Wrench(eqx.Module):
 
     Examples:
         >>> def engine(t, state):
-        ...     return ml.torques.Wrench(torque=jnp.zeros(3), force=ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0])))
+        ...     force = ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0]))
+        ...     return ml.torques.Wrench(torque=jnp.zeros(3), force=force)
         >>> upside_down = ml.FreeState([0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
         >>> engine(0.0, upside_down).force[2]
         Array(-2., dtype=float64)

@@ -50,7 +50,8 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
             `SymmetricRotor`.
 
     Examples:
-        >>> water, points = ml.molecules.from_points([16.0, 1.0, 1.0], [[0.0, 0.0, 0.0], [0.08, 0.06, 0.0], [-0.08, 0.06, 0.0]])
+        >>> places = [[0.0, 0.0, 0.0], [0.08, 0.06, 0.0], [-0.08, 0.06, 0.0]]
+        >>> water, points = ml.molecules.from_points([16.0, 1.0, 1.0], places)
         >>> water.mass, points.shape
         (Array(18., dtype=float64), (3, 3))
         >>> water.body.moments.round(6)

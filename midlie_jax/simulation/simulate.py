@@ -14,7 +14,6 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, described, require_numbers
-from .._checks.renamed import renamed
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_batch
@@ -38,7 +37,6 @@ from .summary import Simulation
 from .variables import Arrays, Variables
 
 
-@renamed(segment="span")
 def simulate(
     method: Method | str,
     body: Body,

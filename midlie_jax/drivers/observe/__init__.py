@@ -1,16 +1,26 @@
-"""What an ensemble saves instead of its states: `observe=` of `ensemble` and `simulate`.
+"""Quantities of a state, and what a run saves instead of its states: `observe=` of the drivers.
+
+The functions of this module, such as `energy` and `angular_velocity`, compute a quantity of states that you have. The
+same functions are observables: `observe=ml.observe.energy`.
 
 An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
-the device. It is a function of (t, state), one of the classes of this module, or a dict of these. A *statistic*
-(`Mean`, `Histogram`) combines these values over all bodies with trustworthy values at that time. A statistic of time
-(`Autocorrelation`, `Spectrum`) combines all values of each body, and then the bodies.
+the device. It is a function of this module, a function of (t, state), an `Observable` such as `Axis()`, or a dict of
+these. A *statistic* (`Mean`, `Histogram`) combines these values over all bodies with trustworthy values at that time. A
+statistic of time (`Autocorrelation`, `Spectrum`) combines all values of each body, and then the bodies.
 
-Modules: `observables` (definition of an observable), `quantities` (common observables), `brightness` (of a surface in
-sunlight), `statistics` (over bodies at one time), `series` (over times), `autocorrelation` and `spectrum` (the two
-series), `spread` (means over bodies and their errors), `of_arrays` (the same for values in memory), `arguments` (the
-argument of the drivers).
+Modules: `observables` (definition of an observable), `quantities` (common observables), `statistics` (over bodies at
+one time), `series` (over times), `autocorrelation` and `spectrum` (the two series), `spread` (means over bodies and
+their errors), `of_arrays` (the same for values in memory), `arguments` (the argument of the drivers).
 """
 
+from ...model.observables import angular_velocity as angular_velocity
+from ...model.observables import kinetic_energy as kinetic_energy
+from ...model.observables import linear_momentum as linear_momentum
+from ...model.observables import linear_velocity as linear_velocity
+from ...model.observables import position as position
+from ...model.observables import spatial_angular_velocity as spatial_angular_velocity
+from ...model.observables import spatial_momentum as spatial_momentum
+from ..energy import energy as energy
 from .arguments import Observe as Observe
 from .arguments import as_observe as as_observe
 from .arguments import as_observe_of_one as as_observe_of_one
@@ -23,14 +33,8 @@ from .observables import Together as Together
 from .observables import as_observable as as_observable
 from .of_arrays import autocorrelation as autocorrelation
 from .of_arrays import spectrum as spectrum
-from .quantities import AngularVelocity as AngularVelocity
 from .quantities import Axis as Axis
-from .quantities import Energy as Energy
 from .quantities import EulerAngles as EulerAngles
-from .quantities import Position as Position
-from .quantities import SpatialMomentum as SpatialMomentum
-from .quantities import Tumbling as Tumbling
-from .quantities import Velocity as Velocity
 from .spectrum import Density as Density
 from .spectrum import Spectrum as Spectrum
 from .statistics import Histogram as Histogram

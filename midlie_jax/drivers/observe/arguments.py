@@ -33,7 +33,7 @@ def as_observe(value: Any) -> Observe | None:
 
     Examples:
         >>> ml.observe.as_observe(ml.observe.energy)
-        Energy()
+        energy
         >>> ml.observe.as_observe(None) is None  # the states are saved
         True
     """
@@ -48,7 +48,7 @@ def as_observe_of_one(value: Any) -> Observe | None:
 
     Examples:
         >>> ml.observe.as_observe_of_one(ml.observe.energy)
-        Energy()
+        energy
         >>> try:
         ...     ml.observe.as_observe_of_one(ml.observe.Mean(ml.observe.energy))
         ... except ValueError as error:
@@ -68,7 +68,7 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
 
     Examples:
         >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.observe.observe_state(ml.observe.energy, jnp.array(0.0), state, body, None).item()
+        >>> ml.observe.observe_state(ml.observe.as_observe(ml.observe.energy), jnp.array(0.0), state, body, None).item()
         2.25
         >>> ml.observe.observe_state(None, jnp.array(0.0), state, body, None) is state
         True

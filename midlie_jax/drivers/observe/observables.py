@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from inspect import isfunction
 from typing import Any
 
 import equinox as eqx
@@ -70,6 +71,22 @@ class Together(Observable):
         return {name: part.of(t, state, body, torque) for name, part in self.parts.items()}
 
 
+QUANTITIES: dict[Any, Callable[[Any, Any, Any, Any], Any]] = {}
+"""The functions of a state that a run accepts as `observe`, each as a function of (t, state, body, torque)."""
+
+
+class Quantity(Observable):
+    """A function in `QUANTITIES`, such as `midlie_jax.observe.energy`, for the body and the torque of the run."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        return QUANTITIES[self.function](t, state, body, torque)
+
+    def __repr__(self) -> str:
+        return self.function.__name__
+
+
 def as_observable(name: str, value: Any) -> Observable:
     """The argument as an observable: an observable, a function of (t, state), or a dict of both.
 
@@ -83,12 +100,14 @@ def as_observable(name: str, value: Any) -> Observable:
     Examples:
         >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.energy, "axis": ml.observe.Axis()})
         >>> both.parts["energy"]
-        Energy()
+        energy
         >>> isinstance(ml.observe.as_observable("observe", lambda t, state: state.momentum[2]), ml.observe.Function)
         True
     """
     if isinstance(value, Observable):
         return value
+    if isfunction(value) and value in QUANTITIES:
+        return Quantity(value)
     if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):
         return Together({key: as_observable(f"{name}[{key!r}]", part) for key, part in value.items()})
     if callable(value) and not isinstance(value, type):

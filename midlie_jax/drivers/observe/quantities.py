@@ -1,6 +1,6 @@
-"""Common observables: energy, directions, momenta, velocities and positions."""
+"""Common observables: the direction of an axis, and functions of a state that a run accepts as `observe`."""
 
-from typing import Any, cast
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,30 +9,13 @@ from jax import Array
 
 from ..._checks.arguments import shown
 from ..._math import components as cp
-from ...asteroids.tumbling_motion import Tumble, tumble
 from ...model import observables, so3
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.states import AxisState, FreeAxisState, attitude_of
 from ...model.torques import TorqueLike
-from .observables import Observable
-
-
-class Energy(Observable):
-    """The energy, kinetic plus potential, (), mass length^2 / time^2.
-
-    Raises:
-        ValueError: in a run, the torque has no potential.
-
-    Examples:
-        >>> body, torque = ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0)
-        >>> state = ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> round(float(ml.observe.energy.of(jnp.array(0.0), state, body, torque)), 6)  # in a run: as observe
-        3.25
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.energy(body, torque, state, t)
+from ..energy import energy
+from .observables import QUANTITIES, Observable
 
 
 class Axis(Observable):
@@ -63,36 +46,6 @@ class Axis(Observable):
         if isinstance(state, AxisState | FreeAxisState):
             return cp.pack(state.in_one_frame(tuple(map(float, axis)))[0])
         return so3.rotate(attitude_of(state), jnp.asarray(axis, state.momentum.dtype))
-
-
-class SpatialMomentum(Observable):
-    """The angular momentum in the space frame about its origin, (3,), mass length^2 / time.
-
-    Raises:
-        ValueError: in a run, the state has no attitude.
-
-    Examples:
-        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
-        >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
-        >>> ml.observe.spatial_momentum.of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
-        5.0
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.spatial_momentum(cast(Any, state))
-
-
-class AngularVelocity(Observable):
-    """The angular velocity in the body frame, (3,), radians per unit of time.
-
-    Examples:
-        >>> body, state = ml.RigidBody([2.0, 3.0, 4.0]), ml.RigidState([2.0, 6.0, 12.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.observe.angular_velocity.of(jnp.array(0.0), state, body, None)  # in a run: as observe
-        Array([1., 2., 3.], dtype=float64)
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.angular_velocity(body, state)
 
 
 class EulerAngles(Observable):
@@ -128,50 +81,21 @@ class EulerAngles(Observable):
         return so3.to_euler(attitude, self.sequence)
 
 
-class Tumbling(Observable):
-    """How the body tumbles, a `midlie_jax.asteroids.Tumble`: mode, energy ratio, periods, effective rate, pole and phases.
-
-    Examples:
-        >>> body, state = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], [1.0, 0.0, 0.0, 0.0])
-        >>> tumble = ml.asteroids.tumble.of(jnp.array(0.0), state, body, None)  # in a run: as observe
-        >>> bool(tumble.short_axis), round(float(tumble.rotation_period), 3), tumble.pole.shape
-        (False, 12.348, (3,))
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Tumble:
-        return tumble(body, state)
+def _of_state(function: Any) -> Any:
+    return lambda t, state, body, torque: function(state)
 
 
-class Position(Observable):
-    """The position of the centre of mass of a body that translates, space frame, (3,), length.
-
-    Raises:
-        ValueError: in a run, the body does not translate.
-
-    Examples:
-        >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
-        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
-        >>> ml.observe.position.of(jnp.array(0.0), state, ball, None)  # in a run: as observe
-        Array([1., 2., 3.], dtype=float64)
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        observables.linear_momentum(state)  # which raises for a state that does not translate
-        return state.position  # pyright: ignore[reportAttributeAccessIssue]
+def _of_body(function: Any) -> Any:
+    return lambda t, state, body, torque: function(body, state)
 
 
-class Velocity(Observable):
-    """The velocity of the centre of mass of a body that translates, space frame, (3,), length/time.
-
-    Raises:
-        ValueError: in a run, the body does not translate.
-
-    Examples:
-        >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
-        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
-        >>> ml.observe.linear_velocity.of(jnp.array(0.0), state, ball, None)  # in a run: as observe
-        Array([2., 0., 1.], dtype=float64)
-    """
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.linear_velocity(body, state)
+QUANTITIES |= {
+    energy: lambda t, state, body, torque: observables.energy(body, torque, state, t),
+    observables.kinetic_energy: _of_body(observables.kinetic_energy),
+    observables.angular_velocity: _of_body(observables.angular_velocity),
+    observables.spatial_angular_velocity: _of_body(observables.spatial_angular_velocity),
+    observables.linear_velocity: _of_body(observables.linear_velocity),
+    observables.spatial_momentum: _of_state(observables.spatial_momentum),
+    observables.linear_momentum: _of_state(observables.linear_momentum),
+    observables.position: _of_state(observables.position),
+}

@@ -6,9 +6,6 @@ add a flight to the package, write one file and import the class here; `midlie_j
 first. To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
 """
 
-import sys
-from types import ModuleType
-
 from ..._math import components as components
 from ..._math import short_series as short_series
 from ...model.bodies import RigidBody
@@ -44,11 +41,11 @@ FLIGHTS: dict[str, Flight] = {
 }
 
 
-class _CallableModule(ModuleType):
-    """A module that can also be called: `midlie_jax.flights.names()` as well as `midlie_jax.flights.Jacobi`."""
+def names() -> Listing:
+    """The names of the flights, best first; the list prints as a table of when to use each flight.
 
-    def __call__(self) -> Listing:
-        return Listing({name: flight.use for name, flight in FLIGHTS.items()})
-
-
-sys.modules[__name__].__class__ = _CallableModule
+    Examples:
+        >>> ml.flights.names()[:2]
+        ['JACOBI', 'SYMMETRIC']
+    """
+    return Listing({name: flight.use for name, flight in FLIGHTS.items()})

@@ -224,7 +224,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
         >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
         >>> places = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
         >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=places)
-        >>> ml.molecules.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second body, on its axis
+        >>> ml.molecules.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # two atoms of the second body
         Array([[ 0. , -0.5,  3. ],
                [ 0. ,  0.5,  3. ]], dtype=float64)
     """

@@ -2,10 +2,9 @@
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `reads_body` has torques
 that read the body, `from_functions` custom torques from a function, and `fields` torques that depend on the attitude.
-`spacecraft` has control and disturbance torques of a satellite, `sunlight` and `rarefied` the pressure of light and
-thin gas on a surface. `travel` has torques on bodies that translate; they return a `midlie_jax.torques.Wrench`, a
-torque and a force. `spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant
-in each step.
+`friction` has damping and air drag, `bath` thermal noise. `travel` has torques on bodies that translate; they return a
+`midlie_jax.torques.Wrench`, a torque and a force. `by_step` has controls and pulses, which are constant in each step.
+The torques of one application are in its folder: `asteroids`, `molecules`, `spacecraft`, `spins`.
 """
 
 from ..wrench import Wrench as Wrench

@@ -1,4 +1,4 @@
-"""Torques of force fields with a potential: gravity, magnetism, gravity gradient."""
+"""Torques of force fields with a potential: uniform gravity on a top, and a dipole in a field."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,8 +1,6 @@
-"""Torques on a spacecraft: control, damping, rotors and reaction wheels, and air drag.
+"""Friction: viscous damping of the rotation, and air drag.
 
-The torque of a residual magnetic dipole is a `DipoleInField` (`fields.py`) in a `midlie_jax.orbits.DipoleField`.
-
-Reference: P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapters 6 (gyrostats) and 8 (environment).
+Reference: P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapter 8 (environment).
 """
 
 from collections.abc import Callable
