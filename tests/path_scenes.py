@@ -15,7 +15,7 @@ from cases import turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.registry import entries
 from midlie_jax.integrators.schemes import SCHEMES
 from midlie_jax.integrators.stages import BATH
 
@@ -353,7 +353,7 @@ def _plain_torque(method: Any, state: str) -> Any:
 
 def of_methods() -> dict[str, Scene]:
     found = {}
-    for name, entry in ENTRIES.items():
+    for name, entry in entries().items():
         state = _state_of(entry.method)
         found[f"method {name}"] = Scene(name, *_with(state, _plain_torque(entry.method, state)))
     return found
@@ -363,7 +363,7 @@ def of_schemes() -> dict[str, Scene]:
     """One scene for each scheme, also those without a registered method."""
     found = {}
     for name, scheme in SCHEMES.items():
-        if name in HEATED or any(entry.endswith(f"[{name}]") for entry in ENTRIES):
+        if name in HEATED or any(entry.endswith(f"[{name}]") for entry in entries()):
             continue
         torque = torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) if scheme.gradients else torque_for("rigid")
         found[f"scheme {name}"] = Scene(f"JACOBI[{name}]", *_with("rigid", torque))

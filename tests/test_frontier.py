@@ -12,7 +12,7 @@ from laboratory.rivals.problem import Point
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.registry import entries
 
 
 def line(method: str, order: int, unit: float, counts=(1, 10, 100)) -> list[Point]:
@@ -80,7 +80,7 @@ def test_each_family_contains_the_next():
     assert found == [{"A", "B", "C"}, {"A", "C"}, {"A"}]
 
 
-@pytest.mark.parametrize("name", ENTRIES)
+@pytest.mark.parametrize("name", entries())
 def test_the_family_of_a_method_is_told_by_its_attributes(name):
     method = ml.method(name)
     found = family(method)

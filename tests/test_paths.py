@@ -24,7 +24,7 @@ import midlie_jax as ml
 from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
 from midlie_jax.drivers.clock import time_of
-from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.registry import entries
 from midlie_jax.model.torques.reads_body import ReadsBody
 
 STEPS = 66
@@ -337,7 +337,7 @@ def test_every_public_kind_has_a_scene():
     torques = set().union(*(path_scenes.classes_in(scene.torque) for scene in SCENES.values() if not scene.random))
     assert path_scenes.public_torques() - torques == path_scenes.HEAT
     assert {type(scene.start).__name__ for scene in SCENES.values()} == path_scenes.public_states()
-    assert {*ENTRIES} <= {scene.method for scene in SCENES.values()}
+    assert {*entries()} <= {scene.method for scene in SCENES.values()}
     assert {*ANCHORS} <= {*SCENES}
     assert {type(SCENES[name].start).__name__ for name in CHEAPEST} == path_scenes.public_states()
 

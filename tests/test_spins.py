@@ -10,9 +10,9 @@ from cases import DTYPES, epsilon, quick
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.integrators.registry import ENTRIES
+from midlie_jax.integrators.registry import entries
 
-METHODS = [e.method.name for e in ENTRIES.values() if e.method.bodies is ml.spins.Spins and not e.method.random]
+METHODS = [e.method.name for e in entries().values() if e.method.bodies is ml.spins.Spins and not e.method.random]
 # A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
 MORE = [f"SUBLATTICES[{name}]" for name in ("E1", "E2", "TJ4", "BM4", "SRKN11b")]
 STEPS = 32

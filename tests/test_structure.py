@@ -92,6 +92,45 @@ def test_the_page_on_extending_lists_every_folder():
     assert set(re.findall(r"^\| `(\w+)/` \|", page, re.MULTILINE)) == set(FLOORS) - {""}
 
 
+def between_rooms(found: dict[str, set[str]]) -> list[str]:
+    """The imports from one application to another."""
+    return [
+        f"{a} -> {b}"
+        for a, targets in found.items()
+        for b in targets
+        if {*map(room, (a, b))} <= set(ROOMS) and room(a) != room(b)
+    ]
+
+
+def room(name: str) -> str:
+    return name.split(".")[0]
+
+
+def test_no_application_imports_another():
+    assert not between_rooms(graph())
+
+
+def test_a_run_imports_no_application():
+    """Nor does the registry of methods, which finds the methods of applications by name."""
+    code = (
+        "import sys, midlie_jax as ml\n"
+        "ml.integrate, ml.ensemble, ml.simulate, ml.stepper, ml.fit, ml.check, ml.recommend, ml.diffrax.LieSolver\n"
+        "ml.method('JACOBI[BM4]'), ml.observe.energy, ml.torques.HeavyTop\n"
+        f"print([name for name in sys.modules for room in {ROOMS!r} if name.startswith(f'midlie_jax.{{room}}')])"
+    )
+    assert printed(code).split() == ["[]"]
+
+
+@pytest.mark.parametrize("name", ["advice", *ROOMS])
+def test_no_public_name_of_an_application_is_also_a_module_of_it(name):
+    """Python would replace the name by the module."""
+    shown = re.findall(
+        r"^from \.\w+ import (\w+) as", (ROOT / PACKAGE / name / "__init__.pyi").read_text(), re.MULTILINE
+    )
+    assert shown
+    assert not set(shown) & {path.stem for path in (ROOT / PACKAGE / name).iterdir()}
+
+
 def test_no_modules_import_each_other_in_a_circle():
     assert not circle(graph())
 
@@ -110,12 +149,19 @@ def test_nothing_but_the_command_imports_the_command():
         ("methods.system", "from ..cli.scenes import scene"),
         ("_xla.fusion", "from midlie_jax.drivers.integrate import integrate"),
         ("drivers.integrate", "import midlie_jax.diffrax.solver"),
+        ("model.compatibility", "from ..spins.body import Spins"),
     ],
 )
 def test_a_wrong_arrow_is_found(module, line):
     found = graph()
     found[module] = found[module] | imports_of(module, line, False, set(found))
     assert len(upward(found)) == 1
+
+
+def test_an_import_from_another_application_is_found():
+    found = graph()
+    found["spins.body"] |= imports_of("spins.body", "from ..spacecraft.control import PDControl", False, set(found))
+    assert len(between_rooms(found)) == 1
 
 
 def test_a_circle_is_found():

@@ -69,6 +69,10 @@ class MutualGravity(ReadsBody):
     fourth: Float[Array, "*batch 3 3 3 3"] | None
     degree: int = eqx.field(static=True)
 
+    @property
+    def keeps_total_momentum(self) -> bool:
+        return True
+
     def __init__(self, G: Any, *, degree: int = 2, third: Any = None, fourth: Any = None):
         if degree not in _DEGREES:
             raise ValueError(f"degree must be one of {_DEGREES}, got {degree!r}.")

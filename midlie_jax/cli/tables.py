@@ -10,7 +10,7 @@ import numpy as np
 
 from ..integrators.base import Method
 from ..integrators.flights import FLIGHTS
-from ..integrators.registry import DEFAULT, ENTRIES
+from ..integrators.registry import DEFAULT, entries
 from ..integrators.schemes import SCHEMES
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
@@ -73,7 +73,7 @@ def methods(options: argparse.Namespace) -> None:
     if options.names:
         show_table(_HEADS, [_method(chosen.method(name)) for name in options.names])
         return
-    show_table(_HEADS, [_method(entry.method) for entry in ENTRIES.values()])
+    show_table(_HEADS, [_method(entry.method) for entry in entries().values()])
     print("\nAny combination FLIGHT[SCHEME] is also a method:\n")
     show_table(
         ["flight", "order", "symplectic", "when to take it"],
@@ -87,7 +87,7 @@ def methods(options: argparse.Namespace) -> None:
 
 
 def _method(method: Method) -> list[str]:
-    entry = ENTRIES.get(method.name)
+    entry = entries().get(method.name)
     properties = _yes(method.symmetric), _yes(method.symplectic), str(method.evaluations)
     return [method.name, method.bodies.__name__, str(method.order), *properties, entry.use if entry else "-"]
 

@@ -22,7 +22,6 @@ from ..model.compatibility import check_batch, check_body
 from ..model.kind import Kind
 from ..model.state import State
 from ..model.torques import TorqueLike
-from ..spins.state import SpinState
 
 
 class Rates(NamedTuple):
@@ -143,8 +142,10 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
         raise ValueError(
             "diffrax would lose the low parts of a CompensatedState; use a RigidState, or midlie_jax.integrate."
         )
-    if isinstance(y, SpinState):
-        raise ValueError("diffrax does not support spins; use midlie_jax.integrate, ensemble or simulate.")
+    if y.constant_steps:
+        raise ValueError(
+            f"diffrax does not support {y.constant_steps}; use midlie_jax.integrate, ensemble or simulate."
+        )
     check_body(body, y)
     if method is not None:
         check_moves(method, body, y)

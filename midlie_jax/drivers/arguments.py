@@ -30,8 +30,6 @@ from ..model.compatibility import body_named, check_batch, check_body, check_sta
 from ..model.orbits.base import orbits_in
 from ..model.torques import Torque, baths_in, without_bath
 from ..model.torques.by_step import check_steps
-from ..spins.body import Spins
-from ..spins.thermal_field import ThermalField
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -127,17 +125,14 @@ def check_bath(method: Method | None, torque: Any, refused: str | None = None) -
     if method is None:
         return
     if bath is not None and not random:
-        of_spins = isinstance(bath, ThermalField)
-        one = "SUBLATTICES[BAOAB]" if of_spins else "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
         raise ValueError(
             f"the torque has a heat bath, {type(bath).__name__}, but method {method.name!r} has no stage for it; take "
-            f"a scheme with one, such as {one}."
+            f"a scheme with one, such as {bath.methods}."
         )
     if bath is None and random:
-        made = "ThermalField(kT, key)" if issubclass(method.bodies, Spins) else "Langevin(kT, friction, key)"
         raise ValueError(
             f"method {method.name!r} has a stage for a heat bath, but the torque has none; add "
-            f"midlie_jax.torques.{made}, or take a scheme without the stage, such as EA."
+            f"{method.bodies.bath}, or take a scheme without the stage, such as EA."
         )
 
 

@@ -47,7 +47,6 @@ from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
-from ..spins.state import SpinState
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_clock, check_span, check_step, check_system
 from .bad_start import finite_start, nan_unless
@@ -205,8 +204,10 @@ def integrate_variable_step(
     state: Any = start if carried is None else _state_of(carried, t0, rho)
     refused = "integrate_variable_step chooses its steps by the state, and in a heat bath that would bias averages"
     method = check_system(as_method(method), body, torque, state, bath=refused)
-    if isinstance(state, SpinState):
-        raise ValueError("spins run with a constant step; use midlie_jax.integrate, ensemble or simulate.")
+    if state.constant_steps:
+        raise ValueError(
+            f"{state.constant_steps} run with a constant step; use midlie_jax.integrate, ensemble or simulate."
+        )
     if not method.symmetric:
         raise ValueError(
             f"method {method.name!r} is not symmetric, but a reversible step control needs a symmetric method; "

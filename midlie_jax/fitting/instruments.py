@@ -21,7 +21,6 @@ from ..model.state import AnyState
 from ..model.states import TravellingState, attitude_of
 from ..model.torques import Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
 from ..model.wrench import Wrench
-from ..spacecraft.gravity_gradient import GravityGradient
 from .measurements import Expected, Measurement, Part, Recorded, Source, deviations, rows, source
 
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is a series
@@ -290,8 +289,9 @@ class Accelerations(Expected):
         of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
         measured = cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
         for term in terms_of(torque) if fields is None else []:
-            if isinstance(term, GravityGradient):
-                measured = measured - cp.pack(term.tide(t, state, cp.vector(lever)))
+            tide = term.tide(t, state, cp.vector(lever)) if isinstance(term, Torque) else None
+            if tide is not None:
+                measured = measured - cp.pack(tide)
         return measured if self.bias is None else measured + self.bias(parameters)
 
 

@@ -3,12 +3,12 @@
 Tests, charts and benchmarks select methods from this registry by their properties, never by name.
 """
 
+from collections.abc import Callable
+from importlib import import_module
 from typing import Any, Literal, NamedTuple, overload
 
 from .._checks.arguments import described, unknown
 from ..model.bodies import Body, RigidBody, principal_of
-from ..spins.midpoint import LieMidpointOnSphere, SphericalMidpoint
-from ..spins.sublattices import Sublattices
 from . import flights, schemes
 from .base import Method
 from .flights import FLIGHTS, Flight
@@ -50,7 +50,9 @@ def _paper_entry(scheme: Scheme, use: str, **options: bool) -> Entry:
 
 _PARTICLES = flights.Linear()
 DEFAULT = "JACOBI[EA]"
-SUBLATTICES = "SUBLATTICES"
+# Applications with methods of their own. Such a module has `ENTRIES`, and `FAMILIES`: by name, classes of methods that
+# are made from a scheme.
+_ROOMS = ("midlie_jax.spins.methods",)
 ENTRIES: dict[str, Entry] = {
     entry.method.name: entry
     for entry in (  # best first
@@ -108,25 +110,24 @@ ENTRIES: dict[str, Entry] = {
         _entry(_PARTICLES, schemes.E2, "particles: order 1, symplectic", "symplectic Euler"),
         _entry(_PARTICLES, schemes.E1, "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
         Entry(ImplicitMidpoint(), "particles under stiff forces: order 2, implicit"),
-        *(
-            Entry(Sublattices(scheme), use)
-            for scheme, use in (
-                (schemes.EA, "spins coupled only to other sublattices: order 2, explicit, conserves the energy"),
-                (schemes.SRKN6B, "such spins: order 4"),
-                (schemes.KAHAN_LI6, "such spins: order 6"),
-                (schemes.BAOAB, "such spins in a heat bath"),
-            )
-        ),
-        Entry(SphericalMidpoint(), "spins, any energy: order 2, implicit, symplectic"),
-        Entry(LieMidpointOnSphere(), "comparison: the paper's midpoint rule on the sphere; not symplectic"),
     )
 }
 
 _ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; schemes: {', '.join(SCHEMES)}."
 
 
+def entries() -> dict[str, Entry]:
+    """`ENTRIES`, and those of the applications."""
+    return ENTRIES | {entry.method.name: entry for room in _ROOMS for entry in import_module(room).ENTRIES}
+
+
+def families() -> dict[str, Callable[[Scheme], Method]]:
+    """The classes of methods that the applications make from a scheme."""
+    return {name: family for room in _ROOMS for name, family in import_module(room).FAMILIES.items()}
+
+
 @overload
-def method(name: Literal["SUBLATTICES"], scheme: str | Scheme) -> Sublattices: ...  # pyright: ignore[reportOverlappingOverload]
+def method(name: Literal["SUBLATTICES"], scheme: str | Scheme) -> Method: ...  # pyright: ignore[reportOverlappingOverload]
 @overload
 def method(name: str | Flight, scheme: str | Scheme) -> Splitting: ...
 @overload
@@ -161,18 +162,21 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         if name in ENTRIES:
             return ENTRIES[name].method
         flight, bracket, rest = name.partition("[")
-        if name in FLIGHTS or name == SUBLATTICES:
+        if flight not in FLIGHTS and name in (known := entries()):
+            return known[name].method
+        if not bracket and name in (*FLIGHTS, *families()):
             raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
         if not bracket or not rest.endswith("]"):
             more = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in SCHEMES]
-            raise unknown("method", name, ENTRIES, more=more, note=_ANY_PAIR)
+            raise unknown("method", name, entries(), more=more, note=_ANY_PAIR)
         name, scheme = flight, rest.removesuffix("]")
-    for kind, part, known in (("flight", name, (*FLIGHTS, SUBLATTICES)), ("scheme", scheme, SCHEMES)):
-        if isinstance(part, str) and part not in known:
-            raise unknown(kind, part, known)
+    if isinstance(name, str) and name not in FLIGHTS and name not in (made := families()):
+        raise unknown("flight", name, (*FLIGHTS, *made))
+    if isinstance(scheme, str) and scheme not in SCHEMES:
+        raise unknown("scheme", scheme, SCHEMES)
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
-    if name == SUBLATTICES:
-        return Sublattices(table)
+    if isinstance(name, str) and name not in FLIGHTS:
+        return families()[name](table)
     flight = FLIGHTS[name] if isinstance(name, str) else name
     if flight.name in FLIGHTS and type(flight) is not type(FLIGHTS[flight.name]):
         raise ValueError(f"flight {flight.name!r}: midlie_jax has a flight of this name; choose another name.")
@@ -193,7 +197,7 @@ def methods() -> Listing:
         8
     """
     note = "Any FLIGHT[SCHEME] of midlie_jax.flights.names() and midlie_jax.schemes.names() is also a method."
-    return Listing({name: entry.use for name, entry in ENTRIES.items()}, note)
+    return Listing({name: entry.use for name, entry in entries().items()}, note)
 
 
 def paper_methods() -> list[Method]:

@@ -4,7 +4,7 @@ Every kind of body converts momentum to velocity (`velocity`) and velocity to mo
 """
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -65,6 +65,7 @@ class Body(eqx.Module):
     """Base class of bodies.
 
     A custom body defines `inertia` and overrides other methods where it differs; docs/extending.md shows an example.
+    `namespace` is where users find the class, and `bath` is its heat bath, both for messages.
     Momentum and velocity have the form of the momentum of the state: arrays outside the steps, components inside
     (`State.parts`).
 
@@ -75,6 +76,9 @@ class Body(eqx.Module):
         >>> ml.RigidBody(jnp.ones((1000, 3))).batch
         (1000,)
     """
+
+    namespace: ClassVar[str] = "midlie_jax"
+    bath: ClassVar[str] = "midlie_jax.torques.Langevin(kT, friction, key)"
 
     @abstractmethod
     def inertia(self) -> Any:
@@ -102,6 +106,9 @@ class Body(eqx.Module):
     def batch(self) -> tuple[int, ...]:
         """The sizes of the leading axes of a batch of bodies."""
         return ()
+
+    def check_shape(self, name: str, shape: tuple[int, ...], batch: int) -> None:
+        """Raises unless the body fits the shape of a state without a fixed number of axes, after `batch` axes."""
 
     @property
     def turning(self) -> "Body":
@@ -346,6 +353,9 @@ class Particles(Body):
     def is_possible(self) -> Array:
         """A matrix that is not positive definite has no Cholesky factor."""
         return masses.all_positive(jnp.diag(self.mass) if masses.is_matrix(self.mass) else self.mass)
+
+    def check_shape(self, name: str, shape: tuple[int, ...], batch: int) -> None:
+        masses.check_fits(self.mass, f"{name}.position", shape[batch:])
 
     def velocity(self, momentum: Array) -> Array:
         """The velocity u' = M^-1 p."""

@@ -8,10 +8,8 @@ from typing import Any
 import equinox as eqx
 
 from .._checks.arguments import described, other_arguments
-from ..spins.body import Spins
-from .bodies import Particles, principal_of
+from .bodies import principal_of
 from .free_body import FreeBody
-from .masses import check_fits
 from .state import AnyState, State
 from .states import TravellingState
 from .torques import Torque, terms_of
@@ -36,7 +34,7 @@ def check_body(body: Any, state: AnyState) -> None:
                 f"{body_named(body)}; make one with midlie_jax.{made}."
             )
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
-        cure = "" if own else f"; make one with midlie_jax.{kind}"
+        cure = "" if own else f"; make one with {state.body.namespace}.{kind}"
         cure = order_cure(body) or cure
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
 
@@ -75,10 +73,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     Particles have positions of any shape; the mass must belong to these positions in exactly one way.
     """
     if not state.own_axes:
-        if isinstance(body, Particles):
-            check_fits(body.mass, f"{name}.position", state.momentum.shape[batch:])
-        if isinstance(body, Spins):
-            _check_spins(name, body, state.momentum.shape, batch)
+        body.check_shape(name, state.momentum.shape, batch)
         return
     if state.several:
         _check_several(name, body, state, batch)
@@ -98,14 +93,6 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
-
-
-def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) -> None:
-    if len(shape) <= batch:
-        raise ValueError(
-            f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
-        )
-    spins.check_lattice(shape[batch:-1])
 
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:

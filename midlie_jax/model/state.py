@@ -40,6 +40,7 @@ class State(eqx.Module):
         own_axes: the number of trailing axes of each array that belong to one body; the others are a batch. 0 if the
             number is not fixed.
         several: whether it holds coupled bodies, with an axis (N,) in each array.
+        constant_steps: for a state that only drivers with constant steps move, what it holds, such as "spins".
 
     Examples:
         >>> start = ml.RigidState([0.0, 0.0, 50.0], [1.0, 0.0, 0.0, 0.0])
@@ -53,6 +54,7 @@ class State(eqx.Module):
     leaves: ClassVar[Leaves]
     own_axes: ClassVar[int] = 1
     several: ClassVar[bool] = False
+    constant_steps: ClassVar[str | None] = None
 
     @property
     def kind(self) -> Kind:

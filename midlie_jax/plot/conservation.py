@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._math import components as cp
-from ..asteroids.mutual_gravity import MutualGravity
 from ..drivers.path import AnyPath
 from ..model import torques
 from ..model.bodies import Body
@@ -292,7 +291,7 @@ ALL: Literal["all"] = "all"
 
 def kept_by(torque: Any) -> Kept | Literal["all"] | None:
     """The component that is conserved under a torque, `ALL`, or None if none is known to be."""
-    if torque is None or isinstance(torque, torques.PointMass | MutualGravity):
+    if torque is None or (isinstance(torque, torques.Torque) and torque.keeps_total_momentum):
         return ALL
     if isinstance(torque, torques.HeavyTop):
         return Kept(np.array([0.0, 0.0, 1.0]), "z", "vertical component")

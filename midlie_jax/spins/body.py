@@ -1,6 +1,6 @@
 """`Spins`: classical spins, unit vectors that precess in the field on each of them."""
 
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -45,6 +45,8 @@ class Spins(Body):
         Array(0.7574, dtype=float64)
     """
 
+    namespace: ClassVar[str] = "midlie_jax.spins"
+    bath: ClassVar[str] = "midlie_jax.spins.ThermalField(kT, key)"
     damping: Float[Array, "*#lattice"] | None
     gyromagnetic: Float[Array, "*#lattice"]
     sublattices: Array | None
@@ -71,7 +73,12 @@ class Spins(Body):
         """g = gyromagnetic / (1 + alpha^2): a spin rotates by g |B| h in the time h."""
         return self.gyromagnetic if self.damping is None else self.gyromagnetic / (1 + self.damping**2)
 
-    def check_lattice(self, lattice: tuple[int, ...]) -> None:
+    def check_shape(self, name: str, shape: tuple[int, ...], batch: int) -> None:
+        if len(shape) <= batch:
+            raise ValueError(
+                f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
+            )
+        lattice = shape[batch:-1]
         require_lattice("damping", self.damping, lattice)
         require_lattice("gyromagnetic", self.gyromagnetic, lattice)
 

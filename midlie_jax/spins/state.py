@@ -97,6 +97,7 @@ class SpinState(State):
     body: ClassVar[type] = Spins
     leaves: ClassVar[Leaves] = (Spin,)
     own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
+    constant_steps: ClassVar[str | None] = "spins"
 
     def __init__(self, spin: Any):
         self.spin = as_floats("spin", spin, (3,))

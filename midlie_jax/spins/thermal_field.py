@@ -1,7 +1,7 @@
 """`ThermalField`: the random field of a heat bath on damped spins."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +44,8 @@ class ThermalField(Langevin):
         >>> path.states.spin.shape, bool(path.ok)
         ((21, 100, 3), True)
     """
+
+    methods: ClassVar[str] = "SUBLATTICES[BAOAB]"
 
     def __init__(self, kT: Any, key: Any):
         super().__init__(kT, 0.0, key)  # the friction is the damping of the spins

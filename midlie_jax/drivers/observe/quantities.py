@@ -89,7 +89,7 @@ def _of_body(function: Any) -> Any:
     return lambda t, state, body, torque: function(body, state)
 
 
-QUANTITIES |= {
+_OF_RUNS: dict[Any, Any] = {
     energy: lambda t, state, body, torque: observables.energy(body, torque, state, t),
     observables.kinetic_energy: _of_body(observables.kinetic_energy),
     observables.angular_velocity: _of_body(observables.angular_velocity),
@@ -99,3 +99,4 @@ QUANTITIES |= {
     observables.linear_momentum: _of_state(observables.linear_momentum),
     observables.position: _of_state(observables.position),
 }
+QUANTITIES.update(_OF_RUNS)

@@ -71,6 +71,16 @@ class Torque(eqx.Module):
         """Whether the force is gravity, which an accelerometer does not measure."""
         return False
 
+    @property
+    def keeps_total_momentum(self) -> bool:
+        """Whether the torque is known to conserve the total angular momentum about the origin."""
+        return False
+
+    def tide(self, t: Time, state: Any, place: cp.Vector) -> cp.Vector | None:
+        """The gravity at a position in the body minus the gravity at the centre of mass, body frame; None if zero."""
+        del t, state, place
+        return None
+
     def without_gravity(self) -> TorqueLike | None:
         """The torque without its gravity terms, or None if none is left; see the function of this name."""
         return None if self.gravitational else self

@@ -1,6 +1,6 @@
 """`Langevin`: friction and thermal noise of a heat bath, for schemes with a bath stage."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -68,6 +68,7 @@ class Langevin(ReadsBody):
         ((11, 3), True)
     """
 
+    methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
     kT: Any
     friction: Float[Array, "..."]
     key: Array

@@ -141,6 +141,10 @@ class PointMass(_Gravity):
     mu: Float[Array, "*batch"]
     gradient: bool = eqx.field(static=True)
 
+    @property
+    def keeps_total_momentum(self) -> bool:
+        return True
+
     def __init__(self, mu: Any, *, gradient: bool = True):
         self.gradient = gradient
         self.mu = as_floats("mu", mu)
