@@ -16,7 +16,7 @@ from typing import Any
 
 from ._lazy import names_of
 
-_found, __dir__, __all__ = names_of(__name__, __file__)
+_found, _, __all__ = names_of(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
@@ -26,3 +26,7 @@ def __getattr__(name: str) -> Any:
     from importlib.metadata import version
 
     return version(__name__)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

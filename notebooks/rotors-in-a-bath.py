@@ -78,10 +78,18 @@ print(np.mean(np.asarray(long.momentum[:, -1]) ** 2 / moments, axis=0).round(3))
 # %%
 x = jnp.repeat(jnp.array([0.25, 0.5, 1.0, 2.0, 4.0, 8.0]), 1000)
 top = ml.RigidBody([1.0, 1.0, 0.5])
+
+
+def in_field(x):
+    """A dipole along axis 3 in a field along z: the energy is -x kT cos(theta)."""
+    up = jnp.array([0.0, 0.0, 1.0])
+    return ml.torques.DipoleInField(moment=up, field=jnp.asarray(x)[..., None] * kT * up)
+
+
 aligned = ml.ensemble(
     "SYMMETRIC[BAOAB]",
     top,
-    ml.torques.HeavyTop(-x * kT) + ml.torques.Langevin(kT, 1.0, keys(len(x), 1)),
+    in_field(x) + ml.torques.Langevin(kT, 1.0, keys(len(x), 1)),
     at_rest(len(x)),
     dt=0.1,
     steps=2000,
@@ -108,7 +116,7 @@ count, field = 8000, 4.0
 for scheme, colour in (("BAOAB", BLUE), ("OBABO", ORANGE), ("ABOBA", GREEN)):
     found = []
     for dt in steps:
-        torque = ml.torques.HeavyTop(-field * kT) + ml.torques.Langevin(kT, 1.0, keys(count, 2))
+        torque = in_field(field) + ml.torques.Langevin(kT, 1.0, keys(count, 2))
         run = {"dt": dt, "steps": 800, "save_every": 8, "observe": ml.observe.Axis()}
         seen = np.asarray(ml.ensemble(f"SYMMETRIC[{scheme}]", top, torque, at_rest(count), **run).states)[:, 25:, 2]
         found.append((seen.mean() - (1 / np.tanh(field) - 1 / field), seen.mean(1).std() / np.sqrt(count)))
@@ -218,7 +226,7 @@ field, count, number = 2.0, 8000, 150
 
 
 def mean_cosine(x):
-    torque = ml.torques.HeavyTop(-x * kT) + ml.torques.Langevin(kT, 1.0, keys(count, 6))
+    torque = in_field(x) + ml.torques.Langevin(kT, 1.0, keys(count, 6))
     run = ml.ensemble("SYMMETRIC[BAOAB]", top, torque, at_rest(count), dt=0.1, steps=number)
     return ml.so3.to_matrix(run.states.attitude)[:, 2, 2].mean()
 

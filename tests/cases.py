@@ -35,6 +35,15 @@ MOMENTUM_FLIGHTS = [f for f in RIGID_FLIGHTS if type(f).momentum_change is not m
 LIEMID = [m.name for m in METHODS if isinstance(m, Splitting) and isinstance(m.flight, ml.flights.LieMidpoint)]
 
 
+def torque_classes():
+    """The public classes of torques by name, with those of the applications."""
+    modules = ml.torques, ml.asteroids, ml.molecules, ml.spacecraft, ml.spins
+    shown = {name: getattr(module, name) for module in modules for name in dir(module)}
+    return {
+        name: kind for name, kind in shown.items() if isinstance(kind, type) and issubclass(kind, ml.torques.Torque)
+    }
+
+
 def way(method):
     """How a method takes a step.
 

@@ -68,7 +68,7 @@ MUTANTS = {
         "test_mutual_gravity.py test_paths.py -k slope",
     ),
     "gravity gradient": Mutant(
-        "model/torques/fields.py",
+        "spacecraft/gravity_gradient.py",
         "return 3 * self.mu * inverse * inverse",
         "return 2 * self.mu * inverse * inverse",
         "test_torques.py test_orbits.py test_api_examples.py",

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import turn
+from cases import torque_classes, turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -438,8 +438,9 @@ def classes_in(torque: Any) -> set[str]:
 
 
 def public_torques() -> set[str]:
-    return {name for name, kind in vars(torques).items() if inspect.isclass(kind) and issubclass(kind, torques.Torque)}
+    return {*torque_classes()}
 
 
 def public_states() -> set[str]:
-    return {n for n in dir(ml) if inspect.isclass(getattr(ml, n)) and issubclass(getattr(ml, n), ml.State)} - {"State"}
+    named = {n: getattr(ml, n) for n in dir(ml)} | {"SpinState": ml.spins.SpinState}
+    return {n for n, kind in named.items() if inspect.isclass(kind) and issubclass(kind, ml.State)} - {"State"}

@@ -71,7 +71,7 @@ def test_methods_and_scenes_that_are_named_are_described():
     scene = scenes.scene("P1")
     told = outcome.out.partition("\n\n")[0]
     assert "[5., 5., 1.]" in told
-    assert "HeavyTop(weight = 20., axis = [0., 0., 1.])" in told
+    assert "HeavyTop(mgl = 20., axis = [0., 0., 1.])" in told
     assert f"{scene.dt:g} and {scene.duration:g}: {scene.steps} steps" in told
     assert all(text in told for text in (scene.title, scene.source, scene.units))
     assert "kg, m, s" in outcome.out

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import quick, turn
+from cases import quick, torque_classes, turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -172,10 +172,7 @@ def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
 def test_every_field_of_gravity_is_among_those_of_the_test():
     """All that declare themselves as gravity; coupled bodies have no accelerometers."""
     declared = {
-        name
-        for name, cls in vars(ml.torques).items()
-        if isinstance(cls, type) and issubclass(cls, ml.torques.Torque)
-        if cls.gravitational is not ml.torques.Torque.gravitational
+        name for name, cls in torque_classes().items() if cls.gravitational is not ml.torques.Torque.gravitational
     }
     tested = {type(term).__name__ for torque, _ in FIELDS.values() for term in ml.torques.terms_of(torque)}
     assert declared - tested == {"Sum", "OnEach", "MutualGravity"}

@@ -275,7 +275,7 @@ def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
         ({"momenta": MOMENTA + 1}, "start.momentum was"),
         ({"torque": ml.torques.HeavyTop(1.5)}, "torque.mgl was"),
         ({"torque": lambda t, state: 0 * state.momentum}, "torque.mgl was .* and is now absent"),
-        ({"observe": ml.observe.energy}, "observe was the states and is now Energy"),
+        ({"observe": ml.observe.energy}, "observe was the states and is now Quantity"),
         ({"group": 25}, "bodies of a group was 16 and is now 25"),
     ],
 )

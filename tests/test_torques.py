@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, METHODS, WAYS, each, epsilon, equal_moments, turn
+from cases import DTYPES, METHODS, WAYS, each, epsilon, equal_moments, torque_classes, turn
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -256,9 +256,7 @@ WITHOUT_NUMBERS = {  # made of functions, of torques or of vectors alone, and ba
 
 
 def test_every_torque_with_a_number_is_tried_with_python_numbers():
-    classes = {name: value for name, value in vars(torques).items() if isinstance(value, type)}
-    public = {name for name, value in classes.items() if issubclass(value, ml.torques.Torque)}
-    assert public == {name.split()[0] for name in OF_NUMBERS} | WITHOUT_NUMBERS
+    assert {*torque_classes()} == {name.split()[0] for name in OF_NUMBERS} | WITHOUT_NUMBERS
 
 
 @pytest.mark.parametrize("case", OF_NUMBERS)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import CLASSES, DTYPES, ROTATION, epsilon, suited, whole
+from cases import CLASSES, DTYPES, ROTATION, epsilon, suited, torque_classes, whole
 from unit_cases import (
     CASES,
     DENSITIES,
@@ -163,8 +163,7 @@ def test_every_public_name_is_under_the_law_or_has_no_units():
     tried = {name.split()[0].split(".")[0] for name in CASES}
     named = {name.split()[0] for name in (*TORQUES, *ORBITS, *DENSITIES)}
     classes = {name: value for name, value in shown(*ROOMS).items() if isinstance(value, type)}
-    of_rooms = {name for name, value in classes.items() if issubclass(value, torques.Torque)}
-    assert public(torques, torques.Torque) | of_rooms | public(orbits) | public(densities) == named | WITHOUT_UNITS
+    assert {*torque_classes()} | public(orbits) | public(densities) == named | WITHOUT_UNITS
     quantities = public(ml.observe, ml.observe.Observable)
     quantities |= {name for name, value in classes.items() if issubclass(value, ml.observe.Observable)}
     assert quantities <= tried | OBSERVED, quantities - tried - OBSERVED

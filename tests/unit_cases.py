@@ -265,7 +265,7 @@ def box_light(u: Units) -> tuple[Any, Any]:
 
 
 def observed(observable: Any) -> Callable[..., Any]:
-    return lambda torque, body, state, t: ml.observe.as_observe(observable).of(t, state, body, torque)
+    return lambda torque, body, state, t: ml.observe.as_observable("observe", observable).of(t, state, body, torque)
 
 
 def scene(u: Units) -> tuple[Any, ...]:

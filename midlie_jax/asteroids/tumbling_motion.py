@@ -129,10 +129,11 @@ def tumbling(
 ) -> RigidState:
     """The initial state of a free body that tumbles with given periods, as known from light curves.
 
-    The module `tumbling` defines the periods. The momentum in the body frame starts where its component along the axis
-    of the middle moment is zero and the other two are positive. Free motion then advances it by s rotation periods. The
-    attitude is a product of three rotations: the smallest that takes this direction to z, a rotation by phi about z,
-    and the smallest that takes z to the pole.
+    The rotation period is the time of one circuit of the momentum in the body frame, a precession period the mean time
+    of one circuit of an axis about the momentum in space. The momentum in the body frame starts where its component
+    along the axis of the middle moment is zero and the other two are positive. Free motion then advances it by s
+    rotation periods. The attitude is a product of three rotations: the smallest that takes this direction to z, a
+    rotation by phi about z, and the smallest that takes z to the pole.
 
     Differentiable with respect to all numbers, including the body's; `midlie_jax.asteroids.tumble` is the inverse.
 

@@ -117,7 +117,7 @@ _ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; sch
 
 
 def entries() -> dict[str, Entry]:
-    """`ENTRIES`, and those of the applications."""
+    """All methods by name: `ENTRIES` and the methods of the applications."""
     return ENTRIES | {entry.method.name: entry for room in _ROOMS for entry in import_module(room).ENTRIES}
 
 

@@ -98,11 +98,11 @@ class PDControl(ReadsVelocity):
 class MomentumWheels(ReadsVelocity):
     """Wheels that spin at constant speed relative to the body, torque h x Omega: a gyrostat (Hughes, section 6.3).
 
-    The momentum of the state is I Omega, without the spin of the rotors. If no other torque acts, R (Pi + h) is
+    The momentum of the state is I Omega, without the spin of the wheels. If no other torque acts, R (Pi + h) is
     conserved, and so is the kinetic energy of the body, which `midlie_jax.observe.energy` returns.
 
     Attributes:
-        momentum: angular momentum h of the rotors relative to the body, body frame, (3,). For an `AxisState` it must
+        momentum: angular momentum h of the wheels relative to the body, body frame, (3,). For an `AxisState` it must
             lie along the third axis.
 
     Raises:
@@ -110,10 +110,10 @@ class MomentumWheels(ReadsVelocity):
             `AxisState`.
 
     Examples:
-        >>> rotor = ml.spacecraft.MomentumWheels([1.0, 2.0, 4.0])
+        >>> wheels = ml.spacecraft.MomentumWheels([1.0, 2.0, 4.0])
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> rotor.on(body)(0.0, state)  # h x Omega
+        >>> wheels.on(body)(0.0, state)  # h x Omega
         Array([-2.,  3., -1.], dtype=float64)
     """
 

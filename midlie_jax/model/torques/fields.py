@@ -19,7 +19,7 @@ class HeavyTop(Torque):
     """A top in uniform gravity with potential V = mgl * (R axis)_z; z points upward in the space frame.
 
     Attributes:
-        mgl: m g l, mass times gravity times the distance from the pivot to the centre of mass, (), torque.
+        mgl: m g l, mass times gravity times the distance l from the pivot to the centre of mass, (), torque; not m g.
         axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
     Raises:
