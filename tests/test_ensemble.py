@@ -157,7 +157,7 @@ def unchecked(**arrays):
     [
         (
             {"torque": ml.torques.HeavyTop(jnp.ones(10))},
-            r"shape \(10, 3\) instead of \(3,\), from its parameters weight \(10,\); there are 16 bodies",
+            r"shape \(10, 3\) instead of \(3,\), from its parameters mgl \(10,\); there are 16 bodies",
         ),
         ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.mgl has 10 rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.mgl has 20 rows.*16 bodies"),

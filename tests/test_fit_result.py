@@ -53,7 +53,7 @@ def test_what_is_not_determined_is_named_and_nothing_is_lost():
     found = ml.fit(blind, guess, flat, require_rank=False, **options)
     assert found.result is Result.UNDETERMINED
     assert "rate[2] has no effect" in found.message
-    with pytest.raises(ValueError, match="determine all 3 unknowns, got a rank of 2"):
+    with pytest.raises(ValueError, match="determine all 3 unknowns for draws, got a rank of 2"):
         found.draws(10)
     with pytest.raises(fitting.UndeterminedError, match=r"rate\[2\] has no effect.*rms") as raised:
         ml.fit(blind, guess, flat, **options)

@@ -506,7 +506,10 @@ def test_derivatives_agree(name, way):
 # ---- what is observed ----
 
 OBSERVED = {
-    "rigid": [ml.observe.angular_velocity, ml.observe.Axis(), ml.observe.energy, ml.observe.spatial_momentum],
+    "rigid": [
+        *(ml.observe.angular_velocity, ml.observe.energy, ml.observe.spatial_momentum),
+        *(ml.observe.Axis(), ml.observe.EulerAngles("ZXZ")),
+    ],
     "free": [ml.observe.position, ml.observe.linear_velocity, ml.observe.energy],
 }
 STATISTICS = {
@@ -532,7 +535,7 @@ def test_observables_are_those_of_the_saved_states(state, driver):
     call = jax.jit(run) if driver == "jit" else run
     path, seen = call(), run(observe=observe)
     for one, found in zip(observe.values(), seen.states.values(), strict=True):
-        of_all = jax.vmap(lambda t, state, one=one: one.of(t, state, body, torque))
+        of_all = jax.vmap(lambda t, state, one=one: ml.observe.as_observable("observe", one).of(t, state, body, torque))
         of_all = jax.vmap(of_all, (None, 0)) if driver == "ensemble" else of_all
         agree(found, of_all(path.times, path.states), 1e-13)
 

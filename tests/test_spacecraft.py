@@ -233,7 +233,7 @@ def test_a_function_of_time_returns_a_vector(case, returned):
 
 
 MU, RADIUS = 3.986e14, 7e6
-ORBIT = ml.orbits.CircularOrbit([RADIUS, 0.0, 0.0], [0.0, 0.6, 0.8], MU)
+CIRCLE = ml.orbits.CircularOrbit([RADIUS, 0.0, 0.0], [0.0, 0.6, 0.8], MU)
 MEAN_MOTION = (MU / RADIUS**3) ** 0.5
 
 
@@ -247,17 +247,17 @@ def test_the_local_frame_points_down_and_turns_once_per_orbit():
     np.testing.assert_allclose(jnp.sum(y * velocity, axis=-1), 0, atol=1e-9 * 1e4)
     assert np.all(jnp.sum(x * velocity, axis=-1) > 0)
     period = 2 * np.pi / MEAN_MOTION
-    np.testing.assert_allclose(abs(jnp.sum(ORBIT.lvlh(0.0) * ORBIT.lvlh(period))), 1, atol=1e-12)
+    np.testing.assert_allclose(abs(jnp.sum(CIRCLE.lvlh(0.0) * CIRCLE.lvlh(period))), 1, atol=1e-12)
 
 
 @pytest.mark.sample(0)
 def test_control_follows_the_local_frame_within_its_limit():
     """The pitch axis is a principal axis, so the error goes to zero, and the torque never exceeds the limit."""
     body, limit = ml.RigidBody([10.0, 12.0, 7.0]), 2e-3
-    control = ml.spacecraft.PDControl(ORBIT.lvlh, 0.02, 0.6, limit=limit)
-    start = ml.RigidState([0.0, 0.0, 0.0], so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.5, -0.4, 0.3]))))
+    control = ml.spacecraft.PDControl(CIRCLE.lvlh, 0.02, 0.6, limit=limit)
+    start = ml.RigidState([0.0, 0.0, 0.0], so3.multiply(CIRCLE.lvlh(0.0), so3.exp(jnp.array([0.5, -0.4, 0.3]))))
     observe = {
-        "angles": ml.observe.EulerAngles(frame=ORBIT.lvlh),
+        "angles": ml.observe.EulerAngles(frame=CIRCLE.lvlh),
         "torque": lambda t, state: control.on(body)(t, state),
         "rate": ml.observe.angular_velocity,
     }
@@ -273,10 +273,10 @@ def test_control_follows_the_local_frame_within_its_limit():
 def test_pitch_librates_at_the_rate_of_the_gravity_gradient():
     """n sqrt(3 (I1 - I3) / I2) for small pitch (Hughes, chapter 9), seen by `observe.EulerAngles`."""
     body = ml.RigidBody([11.0, 12.0, 4.0])
-    torque = ml.spacecraft.GravityGradient(None, ORBIT, MU)
-    attitude = so3.multiply(ORBIT.lvlh(0.0), so3.exp(jnp.array([0.0, 1e-4, 0.0])))
+    torque = ml.spacecraft.GravityGradient(None, CIRCLE, MU)
+    attitude = so3.multiply(CIRCLE.lvlh(0.0), so3.exp(jnp.array([0.0, 1e-4, 0.0])))
     start = ml.RigidState.from_velocity(body, [0.0, -MEAN_MOTION, 0.0], attitude)
-    observe = ml.observe.EulerAngles("ZYX", frame=ORBIT.lvlh)
+    observe = ml.observe.EulerAngles("ZYX", frame=CIRCLE.lvlh)
     path = ml.integrate("JACOBI[SRKN6b]", body, torque, start, dt=20.0, steps=500, observe=observe)
     yaw, pitch, roll = np.asarray(path.states).T
     rate = MEAN_MOTION * np.sqrt(3 * (11.0 - 4.0) / 12.0)
@@ -288,4 +288,4 @@ def test_a_moving_target_must_be_a_quaternion():
     with pytest.raises(ValueError, match="target must return a quaternion"):
         run(ml.spacecraft.PDControl(lambda t: jnp.zeros(3), 1.0, 1.0), steps=10)
     with pytest.raises(ValueError, match="limit must be finite and not negative"):
-        ml.spacecraft.PDControl(ORBIT.lvlh, 1.0, 1.0, limit=-1.0)
+        ml.spacecraft.PDControl(CIRCLE.lvlh, 1.0, 1.0, limit=-1.0)

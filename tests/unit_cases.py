@@ -339,6 +339,11 @@ FUNCTIONS = {
         lambda u: (u([2.0, 1.0, 1.5, 0.5], MASS), u(VERTICES, LENGTH)),
         ((INERTIA, MASS), LENGTH),
     ),
+    "joined": of(
+        lambda moments, mass, place: _joined(moments, mass, place),
+        lambda u: (u([2.0, 1.0, 1.5], INERTIA), u(2.0, MASS), u([1.0, -0.5, 2.0], LENGTH)),
+        (INERTIA, MASS, LENGTH),
+    ),
     "sites": of(ml.molecules.sites, lambda u: (travelling(u), u(VERTICES, LENGTH)), LENGTH),
     "wrench_on_sites": of(
         ml.molecules.wrench_on_sites,
@@ -354,10 +359,17 @@ FUNCTIONS = {
     "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
     "energy in a run": of(observed(ml.observe.energy), scene, ENERGY),
     "spatial_momentum in a run": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
+    "EulerAngles in a run": of(observed(ml.observe.EulerAngles("ZXZ")), scene, NUMBER),
     "angular_velocity in a run": of(observed(ml.observe.angular_velocity), scene, RATE),
     "position in a run": of(observed(ml.observe.position), scene, LENGTH),
     "linear_velocity in a run": of(observed(ml.observe.linear_velocity), scene, SPEED),
 }
+
+
+def _joined(moments: Any, mass: Any, place: Any) -> Any:
+    body, centre = ml.joined([(ml.RigidBody(moments), mass, place), (None, 2 * mass, -place)])
+    assert isinstance(body.body, ml.TensorBody)
+    return body.body.tensor, body.mass, centre
 
 
 def _rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:

@@ -147,8 +147,6 @@ def joined(parts: Any) -> tuple[FreeBody, Float[Array, "3"]]:
         ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
 
     Examples:
-        A box with two solar panels:
-
         >>> def box(mass, x, y, z):
         ...     return ml.RigidBody([mass * (y**2 + z**2) / 12, mass * (z**2 + x**2) / 12, mass * (x**2 + y**2) / 12])
         >>> panel = box(60.0, 3.1, 8.5, 0.0)
