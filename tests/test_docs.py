@@ -13,9 +13,6 @@ from pathlib import Path
 import jax
 import pytest
 from cases import benchmark
-from harness import row_of
-from laboratory import work_precision
-from laboratory.times_faster import fastest_rows, inverse
 
 import midlie_jax as ml
 
@@ -114,7 +111,7 @@ def test_tables_of_benchmarks_have_their_places():
     written |= {(page, "measured") for page in texts if page.startswith("coming-from/")}
     claims = (ROOT / "benchmarks" / "laboratory" / "claims" / "page.py").read_text()
     written |= {("reports/claims.md", mark) for mark in re.findall(r'"(claims \w+)"', claims)}
-    written |= {("reports/work-precision.md", scene) for scene in work_precision.SCENES}
+    written |= {("reports/work-precision.md", scene) for scene in benchmark("laboratory.work_precision").SCENES}
     assert marks - written == {("how-it-compares.md", "features")}
     assert written - marks == set()
 
@@ -135,7 +132,7 @@ def test_data_files_are_written_by_a_benchmark_and_on_a_page():
 def test_the_summary_of_the_report_has_the_ratios_measured():
     report = " ".join((ROOT / "docs" / "reports" / "work-precision.md").read_text().split())
     for row in benchmark("harness").saved("work-precision-ratios"):
-        faster = [inverse(ratio) for ratio in list(row.values())[1:]]
+        faster = [benchmark("laboratory.times_faster").inverse(ratio) for ratio in list(row.values())[1:]]
         assert f"| {row['scene']} | {' | '.join(faster)} |" in report
 
 
@@ -143,7 +140,9 @@ def test_the_fastest_methods_are_those_of_the_report():
     """`python benchmarks/work_precision.py --data` after a change of docs/reports/tables/work-precision.csv."""
     text = (DOCS / "choosing-a-method.md").read_text()
     table = text.split("<!-- fastest -->\n")[1].split("<!-- /fastest -->")[0]
-    assert table.splitlines()[2:] == [row_of(cells) for cells in fastest_rows()]
+    assert table.splitlines()[2:] == [
+        benchmark("harness").row_of(cells) for cells in benchmark("laboratory.times_faster").fastest_rows()
+    ]
 
 
 def test_the_first_sentences_of_the_report_hold():
