@@ -66,7 +66,7 @@ PARTS = {
     "TensorBody": (ml.TensorBody, {"tensor": np.eye(3)}),
     "RigidState": (ml.RigidState, {"momentum": [1.0, 2.0, 3.0], "attitude": [1.0, 0.0, 0.0, 0.0]}),
     "DirectionState": (ml.DirectionState, {"momentum": [1.0, 2.0, 3.0], "direction": [0.0, 0.0, 1.0]}),
-    "HeavyTop": (ml.torques.HeavyTop, {"weight": 1.0, "axis": (0.0, 0.0, 1.0)}),
+    "HeavyTop": (ml.torques.HeavyTop, {"mgl": 1.0, "axis": (0.0, 0.0, 1.0)}),
     "Prescribed": (ml.torques.Prescribed, {"function": lambda t: jnp.ones(3)}),
     "Held": (ml.torques.Held, {"values": np.ones((2, 3)), "dt": 0.1, "t0": 0.0}),
     "Pulses": (ml.torques.Pulses, {"starts": [0.0, 1.0], "width": 0.1, "torque": [0.0, 0.0, 1.0]}),

@@ -66,7 +66,7 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     assert json.loads(run.parameters) == {"dt": 0.05, "t0": 0.0}
     np.testing.assert_array_equal(run.parameter_body_moments, MOMENTS)
     body = ml.RigidBody(jnp.asarray(MOMENTS))
-    torque = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_weight.values))
+    torque = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_mgl.values))
     start = ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0])
     path = ml.ensemble("SYMMETRIC[EA]", body, torque, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
     np.testing.assert_array_equal(path.states.momentum, run.momentum)
