@@ -16,6 +16,7 @@ from midlie_jax.integrators import flights
 from midlie_jax.integrators.flights import jacobi
 from midlie_jax.integrators.flights.exact import ExactFlight, Known
 from midlie_jax.integrators.flights.jacobi_momentum import lag
+from midlie_jax.model.kind import Kind
 from midlie_jax.model.states.rigid import Rotation
 
 # Any body, symmetric ones about each axis, a ball, a flat and a slender one, and the separatrix.
@@ -133,7 +134,9 @@ def test_carrying_a_pose_is_flying_and_turning(flight):
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)
-        flown, end = flight.carry(ml.RigidState, inertia, h, cp.vector(momentum), pose, no_step, known)
+        flown, end = flight.carry(
+            Kind(ml.RigidState, ml.RigidState.leaves), inertia, h, cp.vector(momentum), pose, no_step, known
+        )
         return jnp.stack([*flown.change, *end])
 
     where = moments, h, momentum, attitude

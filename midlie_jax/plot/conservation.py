@@ -16,8 +16,9 @@ from ..drivers.path import AnyPath
 from ..model import torques
 from ..model.bodies import Body
 from ..model.compatibility import check_body, check_torque
+from ..model.leaf import Leaf
 from ..model.observables import energy
-from ..model.state import AnyState, State
+from ..model.state import AnyState
 from ..model.states import TravellingState
 from ..model.torques import TorqueLike, on_body
 from .motion import motion_of
@@ -243,7 +244,7 @@ def _sizes(states: Any, vectors: Any) -> np.ndarray:
 
 
 def _is_in_space(states: Any) -> bool:
-    return hasattr(states, "attitude") or type(states).spatial_momentum is not State.spatial_momentum
+    return states.leaves[0].spatial_momentum is not Leaf.spatial_momentum
 
 
 def _in_space(states: Any) -> np.ndarray:
