@@ -182,7 +182,7 @@ def test_the_rivals_are_given_the_equations_of_the_scene(name):
 
 def numbers_of(start, inertia, motion, force):
     """d/dt of the numbers of a state, in their order, by its own `rates`."""
-    momentum, pose = type(start).rates(inertia, jnp.asarray(1.0), motion.momentum, motion.pose, force)
+    momentum, pose = start.kind.rates(inertia, jnp.asarray(1.0), motion.momentum, motion.pose, force)
     if isinstance(momentum, Momenta):
         return *momentum.angular, *pose.orientation, *momentum.linear, *pose.position
     return *momentum, *pose
