@@ -123,7 +123,7 @@ def density_at_start(method, case, dt, steps, every):
 
     def save_interval(carry, _):
         carry, _ = jax.lax.scan(advance, carry, length=every)
-        return carry, type(start).join(carry[1].momentum, carry[1].pose)
+        return carry, start.kind.join(carry[1].momentum, carry[1].pose)
 
     force = system.force(zero, motion) if method.keeps_force(system) else None
     (_, _, _, ok), states = jax.lax.scan(save_interval, (zero, motion, force, jnp.array(True)), length=steps // every)
