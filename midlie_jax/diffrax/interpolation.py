@@ -10,7 +10,7 @@ from jax import Array
 from .._math import components as cp
 from .._math.short_series import WIDEST_SQUARE, half_angle
 from .._xla.fusion import begin, fuse, split
-from ..model.states import RigidState
+from ..model.states import RigidState, TravellingState
 from ..model.states.rigid import Rotation
 from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked
@@ -70,7 +70,7 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     each of these arrays entry by entry.
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
-    if dense.y0.kind.rotation is None:
+    if not isinstance(dense.y0, TravellingState):
         return _turning_at(dense, s)
     turning, moved = _of_rotation(dense), _arrays_at(dense, s)
     return moved.made(_turning_at(turning, s), moved.linear, moved.position)
