@@ -154,7 +154,7 @@ def test_a_gif_with_a_planet_and_one_with_a_box_show_them(tmp_path):
     [
         (lambda file: ml.plot.animate(*coupled(2), file, together=True), "drawn together without it"),
         (lambda file: ml.plot.animate(BRICK, spun(), file, together=True), "RigidState, which has no position"),
-        (lambda file: ml.plot.animate(BRICK, spun(), file, planet=1.0), "planet needs bodies with a position"),
+        (lambda file: ml.plot.animate(BRICK, spun(), file, planet=1.0), "planet must be left out without positions"),
         (lambda file: around_of(1.2, None, [fleet(2)]), r"\[\[0, 0, 0\], \[L, L, L\]\], for example"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, box=[[1.0] * 3, [0.0] * 3]), "least corner first"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, planet=-1.0), "planet must be the radius"),
