@@ -1,4 +1,7 @@
-"""Names of a package that are imported at their first use: those that the `__init__.pyi` of the package lists."""
+"""Names of a package that are imported at their first use: those that the `__init__.pyi` of the package lists.
+
+Who looks for a class by its name, in a file, first loads the applications, which nothing else imports.
+"""
 
 import re
 import sys
@@ -27,3 +30,19 @@ def names_of(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
         return vars(sys.modules[package]).setdefault(name, value)
 
     return found, lambda: sorted(where), [*where]
+
+
+ROOMS = ("asteroids", "molecules", "spacecraft", "spins")
+
+
+def classes_below(base: type) -> list[type]:
+    """All loaded subclasses of a class of the core, those of all applications included."""
+    for room in ROOMS:
+        module = import_module(f"midlie_jax.{room}")
+        for name in module.__all__:
+            getattr(module, name)
+    return _below(base)
+
+
+def _below(base: type) -> list[type]:
+    return [base, *(kind for below in base.__subclasses__() for kind in _below(below))]

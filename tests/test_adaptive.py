@@ -247,6 +247,28 @@ def test_runs_in_blocks_have_the_bits_of_one_run():
     np.testing.assert_allclose(on.states.position[-1], whole.states.position[-1], atol=2e-3)
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("save_every", [1, None])
+@pytest.mark.parametrize("way", ["alone", "jit", "vmap"])
+def test_every_way_to_run_in_blocks_agrees_with_one_run(way, save_every, dtype):
+    start = jax.tree.map(lambda x: x.astype(dtype), planet())
+    run = partial(orbit, save_every=save_every)
+    if way == "jit":
+        run = jax.jit(run, static_argnames="steps")
+    if way == "vmap":
+        start = jax.tree.map(lambda x: jnp.stack([x, x]), start)
+        run = lambda begin, steps: jax.vmap(partial(orbit, steps=steps, save_every=save_every))(begin)  # noqa: E731
+    whole, rest = run(start, steps=12), run(run(start, steps=5).carry, steps=7)
+
+    def last(tree):
+        return jax.tree.map(lambda x: x if save_every is None else x[(slice(None), -1) if way == "vmap" else -1], tree)
+
+    found, expected = (last((p.times, p.states, p.rho)) for p in (rest, whole))
+    eps = float(jnp.finfo(dtype).eps)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=16 * eps), found, expected)
+    assert np.all(rest.carry.index == 12)
+
+
 def test_a_carry_of_another_driver_is_refused():
     part = orbit(planet(), steps=2)
     body = ml.Particles(jnp.ones(()))

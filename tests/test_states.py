@@ -152,3 +152,6 @@ def test_joined_bodies_are_the_body_of_all_their_points():
     np.testing.assert_allclose(body.body.tensor, tensor, rtol=1e-12, atol=1e-12)
     with pytest.raises(ValueError, match=r"parts\[0\] must begin with"):
         ml.joined([(ml.SymmetricRotor(1.0), 1.0, [0.0, 0.0, 0.0])])
+    for wrong in ([], [(None, 1.0)]):
+        with pytest.raises(ValueError, match="parts must be one or more"):
+            ml.joined(wrong)

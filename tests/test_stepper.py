@@ -285,20 +285,23 @@ jax.config.update("jax_enable_x64", True)
 import midlie_jax as ml
 ml.register_for_export()
 run = jax.export.deserialize(pathlib.Path(sys.argv[1]).read_bytes())
-path = run.call(ml.RigidBody([5.0, 4.0, 1.0]), ml.RigidState([1.0, 2.0, 9.0], [1.0, 0.0, 0.0, 0.0]))
+orbit = ml.orbits.CircularOrbit([2.0, 0.0, 0.0], [0.0, 0.6, 0.8], 1.0)
+pull = ml.spacecraft.GravityGradient(None, orbit, 1.0)
+path = run.call(ml.RigidBody([5.0, 4.0, 1.0]), pull, ml.RigidState([1.0, 2.0, 9.0], [1.0, 0.0, 0.0, 0.0]))
 print(bool(path.ok), path.result == ml.RESULTS.successful, path.states.momentum.tolist())
 """
 
 
 def test_an_exported_run_has_the_same_bits_in_another_process(tmp_path):
     ml.register_for_export()
-    run = jax.jit(lambda body, start: ml.integrate("JACOBI[EA]", body, top(), start, dt=DT, steps=4))
+    run = jax.jit(lambda body, torque, start: ml.integrate("JACOBI[EA]", body, torque, start, dt=DT, steps=4))
     start = ml.RigidState([1.0, 2.0, 9.0], [1.0, 0.0, 0.0, 0.0])
-    (tmp_path / "run").write_bytes(export.export(run)(BODY, start).serialize())
+    pull = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([2.0, 0.0, 0.0], [0.0, 0.6, 0.8], 1.0), 1.0)
+    (tmp_path / "run").write_bytes(export.export(run)(BODY, pull, start).serialize())
     script = "import jax.export\n" + LOADED
     command = [sys.executable, "-c", script, str(tmp_path / "run")]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    assert printed == f"True True {run(BODY, start).states.momentum.tolist()}"
+    assert printed == f"True True {run(BODY, pull, start).states.momentum.tolist()}"
 
 
 class WithFunction(eqx.Module):

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from midlie_jax._lazy import ROOMS
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
@@ -21,8 +23,6 @@ FLOORS = (
     "_lazy", "_xla", "_math", "_checks", "model", "scattering", "integrators", "drivers", "advice", "diffrax",
     "fitting", "plot", "simulation", "asteroids", "molecules", "spacecraft", "spins", "", "cli",
 )  # fmt: skip
-# Applications, each with the names of one field. The rest of the package does not import them.
-ROOMS = ("asteroids", "molecules", "spacecraft", "spins")
 
 
 def modules() -> dict[str, Path]:

@@ -10,24 +10,31 @@ import numpy as np
 _LOCKED = 4  # rounding errors: below this sine or cosine of the second angle, the third angle is set to 0
 
 
-def axes_of(sequence: object) -> tuple[int, int, int]:
-    """The three axes, 0 to 2, of a sequence of letters or digits; a ValueError that begins with "must"."""
-    letters = str(sequence).upper().translate(str.maketrans("123", "XYZ"))
+def sequence_of(value: object) -> str:
+    """A sequence of axes as three letters, from letters or digits; a ValueError that begins with "must"."""
+    letters = str(value).upper().translate(str.maketrans("123", "XYZ"))
     if len(letters) != 3 or not set(letters) <= set("XYZ") or not letters[0] != letters[1] != letters[2]:
-        raise ValueError(f"must be three axes without equal neighbours, such as ZXZ or 321, got {sequence!r}.")
-    i, j, k = ("XYZ".index(letter) for letter in letters)
-    return i, j, k
+        raise ValueError(f"must be three axes without equal neighbours, such as ZXZ or 321, got {value!r}.")
+    return letters
 
 
-def angles_of(r: Any, axes: tuple[int, int, int], xp: Any) -> tuple[Any, Any, Any, Any]:
+def as_sequence(name: str, value: object) -> str:
+    """`sequence_of` an argument, which the message names."""
+    try:
+        return sequence_of(value)
+    except ValueError as error:
+        raise ValueError(f"{name} {error}") from None
+
+
+def angles_of(r: Any, sequence: str, xp: Any) -> tuple[Any, Any, Any, Any]:
     """The angles a, b and c, and whether the first and the last axis of rotation are parallel, so that c is 0.
 
     Args:
         r: the entries of the matrices, (3, 3, ...).
-        axes: i, j and k.
+        sequence: three letters, the axes i, j and k.
         xp: `numpy` or `jax.numpy`.
     """
-    i, j, last = axes
+    i, j, last = map("XYZ".index, sequence)
     k, sign = 3 - i - j, 1 if (j - i) % 3 == 1 else -1
     y, x = (r[j, i], -sign * r[k, i]) if last == i else (-sign * r[j, k], r[k, k])
     locked = xp.hypot(y, x) < _LOCKED * xp.finfo(r.dtype).eps
@@ -45,7 +52,7 @@ def angles_of(r: Any, axes: tuple[int, int, int], xp: Any) -> tuple[Any, Any, An
 
 def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.ndarray]:
     """The angles (n, 3) in radians of matrices (n, 3, 3), and where c is set to 0, (n,)."""
-    *angles, locked = angles_of(np.moveaxis(matrices, 0, -1), axes_of(sequence), np)
+    *angles, locked = angles_of(np.moveaxis(matrices, 0, -1), sequence_of(sequence), np)
     return np.stack(angles, axis=-1), locked
 
 

@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..drivers.tables import columns, named
 from ..model.bodies import RigidBody
 from ..model.states import AxisState, TravellingState
 from ..model.torques import Oblateness, PointMass, Sum, UniformGravity
 from ..plot.conservation import Change, balanced, energy_change, linear_change, momentum_change
 from ..plot.style import colours_of
 from ..simulation.attributes import versions
-from ..simulation.variables import COORDINATES, named, parameter
+from ..simulation.variables import parameter
 from .scenes import Scene
 
 SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store written by `midlie run`
@@ -22,13 +23,6 @@ _FRAMES = {
     "momentum": "angular momentum along the principal axes of the body, about its fixed point or centre of mass",
     "attitude": "unit quaternion, scalar first, that takes components in the body frame to components in space",
 }
-
-
-def columns(state: Any) -> dict[str, tuple[str, ...]]:
-    return {
-        name: tuple(f"{name}_{letter}" for letter in COORDINATES[dims[-1]])
-        for name, (dims, _) in state.described().items()
-    }
 
 
 class Record(NamedTuple):
@@ -176,9 +170,9 @@ def _save_npz(record: Record, path: str) -> None:
 def _of_states(record: Record) -> dict[str, Any]:
     start, found = record.scene.start, dict[str, Any]()
     arrays = record.momenta, record.attitudes, *record.travel
-    for (name, columns), array in zip(record.columns.items(), arrays, strict=True):
+    for (name, heads), array in zip(record.columns.items(), arrays, strict=True):
         found[_PLURAL.get(name, name)] = array
-        found[f"{name}_components"] = columns
+        found[f"{name}_components"] = heads
         found[f"{name}_frame"] = _FRAMES.get(name) or start.described()[name][1]["frame"]
     if isinstance(start, AxisState) or record.travel:
         found |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}

@@ -13,6 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from ..drivers.tables import COORDINATES
 from ..model import so3, torques
 from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState
@@ -20,7 +21,6 @@ from ..plot.conservation import Change
 from ..plot.style import BLUE, GREEN, VERMILLION
 from ..simulation.plan import BODY, TIME
 from ..simulation.summary import Inspection
-from ..simulation.variables import COORDINATES
 from .figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
 from .record import Record
 

@@ -9,18 +9,14 @@ import equinox as eqx
 import jax
 from jax import export
 
+from .._lazy import classes_below
 from ..integrators.base import Progress
-from ..integrators.system import Motion
-from ..model import states, torques
-from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
 from ..model.kind import Kind
-from ..model.state import State
 from ..model.states.compensated import CompensatedPose
 from ..model.wrench import Wrench
 from .path import Path, VariableStepPath
 from .results import RESULTS
-from .stepper import Carry
 
 _PLAIN = bool | int | float | str | None
 _TUPLES = Progress, Momenta, Place, CompensatedPose, Path, VariableStepPath
@@ -52,15 +48,11 @@ def register_for_export(*classes: type) -> None:
     for own in classes:
         if not (isinstance(own, type) and issubclass(own, eqx.Module)):
             raise TypeError(f"classes must be Equinox modules, got {own!r}. Derive the class from equinox.Module.")
-    named = (*vars(states).values(), *vars(torques).values())
-    found = [value for value in named if isinstance(value, type) and issubclass(value, eqx.Module)]
     for tuples in _TUPLES:
         if tuples not in _registered:
             export.register_namedtuple_serialization(tuples, serialized_name=_name(tuples))
             _registered.add(tuples)
-    for module in {*found, *_all_below(State), *_all_below(Body), Motion, Wrench, Carry, _RESULT, *classes}:
-        if module in _registered or not (module in classes or _is_ours(module)):
-            continue
+    for module in {*filter(_is_ours, classes_below(eqx.Module)), _RESULT, *classes} - _registered:
         export.register_pytree_node_serialization(
             module,
             serialized_name=_name(module),
@@ -70,12 +62,8 @@ def register_for_export(*classes: type) -> None:
         _registered.add(module)
 
 
-def _all_below(base: type) -> list[type]:
-    return [base, *(kind for below in base.__subclasses__() for kind in _all_below(below))]
-
-
 def _is_ours(kind: type) -> bool:
-    return kind.__module__.startswith(("midlie_jax.", "equinox.")) and _has_name(kind)
+    return kind.__module__.startswith("midlie_jax.") and _has_name(kind)
 
 
 def _has_name(kind: type) -> bool:

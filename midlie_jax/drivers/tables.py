@@ -7,10 +7,28 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._math.euler import euler_angles, matrices_of
+from .._math.euler import as_sequence, euler_angles, matrices_of
 from ..model.state import State
 
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
+
+
+ALONE = "observed"  # the name if a tree is a single array
+
+
+def named(tree: Any, separator: str = "_") -> dict[str, Any]:
+    """The leaves of a tree, named by their position in it: {"momentum": ..., "attitude": ...}."""
+    places = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}
+
+
+def columns(state: Any) -> dict[str, tuple[str, ...]]:
+    """The names of the columns of each field of a state."""
+    return {name: _columns(name, dims) for name, (dims, _) in state.described().items()}
+
+
+def _columns(name: str, dims: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{name}_{letter}" for letter in COORDINATES[dims[-1]])
 
 
 def to_csv(path: Any, file: str | os.PathLike[str], *, euler: str | None = None) -> None:
@@ -33,30 +51,32 @@ def to_csv(path: Any, file: str | os.PathLike[str], *, euler: str | None = None)
     values, times, many = _values(path), np.asarray(path.times), bool(np.ndim(path.ok))
     if not times.ndim:
         raise ValueError("to_csv needs saved times; this path has only the end. Run with save_every.")
-    columns: dict[str, np.ndarray] = {}
+    table: dict[str, np.ndarray] = {}
     for name, (dims, array, _) in values.items():
         array = array if many else array[None]
         if "member" in dims:
             raise ValueError("to_csv writes one body per line, and these bodies are coupled. Use to_xarray.")
-        letters = COORDINATES.get(dims[-1]) if dims else None
         flat = array.reshape(*array.shape[:2], -1)
-        names = [f"{name}_{x}" for x in letters or range(flat.shape[-1])] if letters or flat.shape[-1] > 1 else [name]
-        columns |= {head: flat[..., i] for i, head in enumerate(names)}
+        size = flat.shape[-1]
+        known = dims and dims[-1] in COORDINATES
+        names = _columns(name, dims) if known else [f"{name}_{i}" for i in range(size)] if size > 1 else [name]
+        table |= {head: flat[..., i] for i, head in enumerate(names)}
     if euler is not None:
         if "attitude" not in values:
             raise ValueError("euler needs attitudes, which these states do not have; leave it out.")
-        attitudes = values["attitude"][1]
+        euler, attitudes = as_sequence("euler", euler), values["attitude"][1]
+        attitudes = attitudes if many else attitudes[None]
         angles = np.degrees(euler_angles(matrices_of(attitudes.reshape(-1, 4)), euler)[0])
-        angles = angles.reshape(*(attitudes if many else attitudes[None]).shape[:2], 3)
-        columns |= {f"euler_{i + 1}_{axis} [deg]": angles[..., i] for i, axis in enumerate(euler)}
-    bodies = next(iter(columns.values())).shape[0]
+        angles = angles.reshape(*attitudes.shape[:2], 3)
+        table |= {f"euler_{i + 1}_{axis} [deg]": angles[..., i] for i, axis in enumerate(euler)}
+    bodies = next(iter(table.values())).shape[0]
     times = np.broadcast_to(times, (bodies, times.shape[-1]))
     good = np.arange(times.shape[1]) < np.asarray(path.first_bad).reshape(-1, 1)
     with open(file, "w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow((*(["body"] if many else []), "time", *columns, "ok"))
+        writer.writerow((*(["body"] if many else []), "time", *table, "ok"))
         for body in range(bodies):
-            rows = zip(times[body], *(column[body] for column in columns.values()), good[body], strict=True)
+            rows = zip(times[body], *(column[body] for column in table.values()), good[body], strict=True)
             writer.writerows((*([body] if many else []), *row[:-1], int(row[-1])) for row in rows)
 
 
@@ -97,10 +117,8 @@ def _values(path: Any) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str,
         return {
             name: (dims, np.asarray(getattr(states, name)), about) for name, (dims, about) in states.described().items()
         }
-    found: dict[str, Any] = {}
-    leading = np.ndim(path.ok) + bool(np.ndim(path.times))
-    for place, leaf in jax.tree_util.tree_leaves_with_path(states):
-        name = jax.tree_util.keystr(place, simple=True, separator="_") or "observed"
+    leading, found = np.ndim(path.ok) + bool(np.ndim(path.times)), {}
+    for name, leaf in named(states).items():
         dims = tuple(f"{name}_{i}" for i in range(np.ndim(leaf) - leading))
         found[name] = (dims, np.asarray(leaf), {})
     return found

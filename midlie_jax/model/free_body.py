@@ -155,7 +155,10 @@ def joined(parts: Any) -> tuple[FreeBody, Float[Array, "3"]]:
         >>> np.diag(satellite.body.tensor).round(2), satellite.mass.item()
         (array([9512.47, 1771.27, 9608.57]), 2020.0)
     """
-    tensors, masses, places = zip(*(_part(i, *part) for i, part in enumerate(parts)), strict=True)
+    parts = [tuple(part) for part in parts]
+    if not parts or not {len(part) for part in parts} <= {3, 4}:
+        raise ValueError("parts must be one or more tuples (body, mass, position) or (body, mass, position, attitude).")
+    tensors, masses, places = zip(*(_part(f"parts[{i}]", *part) for i, part in enumerate(parts)), strict=True)
     mass, place = jnp.stack(masses), jnp.stack(places)
     total = jnp.sum(mass)
     centre = jnp.sum(mass[:, None] * place, axis=0) / total
@@ -165,8 +168,7 @@ def joined(parts: Any) -> tuple[FreeBody, Float[Array, "3"]]:
     return FreeBody(TensorBody(tensor), total), centre
 
 
-def _part(i: int, body: Any, mass: Any, position: Any, attitude: Any = None) -> tuple[Array, Array, Array]:
-    name = f"parts[{i}]"
+def _part(name: str, body: Any, mass: Any, position: Any, attitude: Any = None) -> tuple[Array, Array, Array]:
     mass, position = as_floats(f"{name} mass", mass), as_floats(f"{name} position", position, (3,))
     if mass.shape or position.shape != (3,):
         raise ValueError(f"{name} must have one mass () and one position (3,), got {mass.shape} and {position.shape}.")

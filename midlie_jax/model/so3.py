@@ -15,7 +15,7 @@ from jax import Array
 from jaxtyping import Float
 
 from .._math import components as cp
-from .._math.euler import angles_of, axes_of
+from .._math.euler import angles_of, as_sequence
 
 # With these numbers of terms, the series and their derivatives are exact to rounding below these arguments.
 _SERIES_TERMS = 12
@@ -197,7 +197,7 @@ def to_euler(quaternion: Float[Array, "*batch 4"], sequence: str) -> Float[Array
         0.3
     """
     r = jnp.moveaxis(to_matrix(quaternion), (-2, -1), (0, 1))
-    return cp.pack(angles_of(r, _axes_of(sequence), jnp)[:3])
+    return cp.pack(angles_of(r, as_sequence("sequence", sequence), jnp)[:3])
 
 
 def from_euler(angles: Float[Array, "*batch 3"], sequence: str) -> Float[Array, "*batch 4"]:
@@ -207,19 +207,9 @@ def from_euler(angles: Float[Array, "*batch 3"], sequence: str) -> Float[Array, 
         >>> ml.so3.from_euler(jnp.array([np.pi / 2, 0.0, 0.0]), "ZXZ").round(4)
         Array([0.7071, 0.    , 0.    , 0.7071], dtype=float64)
     """
-    a, b, c = cp.vector(jnp.asarray(angles))
-    turns = [
-        exp(cp.pack(tuple(x if m == axis else 0 * x for m in range(3))))
-        for x, axis in zip((a, b, c), _axes_of(sequence), strict=True)
-    ]
+    parts = zip(cp.vector(jnp.asarray(angles)), as_sequence("sequence", sequence), strict=True)
+    turns = [exp(cp.pack(tuple(x if letter == axis else jnp.zeros_like(x) for axis in "XYZ"))) for x, letter in parts]
     return multiply(multiply(turns[0], turns[1]), turns[2])
-
-
-def _axes_of(sequence: str) -> tuple[int, int, int]:
-    try:
-        return axes_of(sequence)
-    except ValueError as error:
-        raise ValueError(f"sequence {error}") from None
 
 
 def slerp(

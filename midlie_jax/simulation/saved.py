@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from .._lazy import classes_below
 from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
@@ -110,7 +111,7 @@ def states_of(file: str | File) -> AnyState:
     """
     source = File(file)
     arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
-    kind = _kinds(State).get(str(arrays.get("state")))
+    kind = _kinds().get(str(arrays.get("state")))
     if kind is None or any(name not in arrays for name in _fields(kind)):
         raise ValueError(
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
@@ -132,12 +133,9 @@ def _fields(kind: type[Any]) -> list[str]:
     return [field.name for field in fields(kind)]
 
 
-def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
-    """The registered kinds of state by name, including user-defined kinds."""
-    found = {kind.__name__: kind}
-    for own in kind.__subclasses__():
-        found = _kinds(own) | found  # a class of the same name that was defined later does not replace it
-    return found
+def _kinds() -> dict[str, type[Any]]:
+    """The kinds of state by name, including user-defined kinds; a later class of the same name does not replace one."""
+    return {kind.__name__: kind for kind in reversed(classes_below(State))}
 
 
 def _of_file(source: File) -> Mapping[str, Any]:

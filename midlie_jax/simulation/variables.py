@@ -14,11 +14,10 @@ from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
 from ..drivers.observe.series import Series
+from ..drivers.tables import COORDINATES, named
 from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 
-COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
 MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
-ALONE = "observed"  # the name if a tree is a single array
 
 
 class Variable(NamedTuple):
@@ -38,12 +37,6 @@ class Variable(NamedTuple):
 
 
 Variables = dict[str, Variable]
-
-
-def named(tree: Any, separator: str = "_") -> dict[str, Any]:
-    """The leaves of a tree, named by their position in it: {"momentum": ..., "attitude": ...}."""
-    places = jax.tree_util.tree_leaves_with_path(tree)
-    return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}
 
 
 def parameter(name: str) -> str:

@@ -63,12 +63,8 @@ class Orbit(eqx.Module):
         """
         position, velocity = self(t), self.velocity_at(t)
         normal = jnp.cross(position, velocity)
-        down, left = -position / _length(position), -normal / _length(normal)
+        down, left = (-x / jnp.linalg.norm(x, axis=-1, keepdims=True) for x in (position, normal))
         return so3.from_matrix(jnp.stack([jnp.cross(left, down), left, down], axis=-1))
-
-
-def _length(vector: Array) -> Array:
-    return jnp.sqrt(jnp.sum(vector**2, axis=-1, keepdims=True))
 
 
 def check_units(orbit: Any, mu: Any) -> None:

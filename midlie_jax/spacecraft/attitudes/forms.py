@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..._math.euler import axes_of, euler_angles, matrices_of
+from ..._math.euler import euler_angles, matrices_of
 
 
 class Form(NamedTuple):
@@ -73,11 +73,6 @@ def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndar
         return degrees
     assert rates is not None
     return np.stack([(degrees[:, 0] - 90) % 360, 90 - degrees[:, 1], degrees[:, 2] % 360, rates], axis=1)
-
-
-def sequence_of(value: object) -> str:
-    """A sequence of axes as three letters, from letters or digits; a ValueError that begins with "must"."""
-    return "".join("XYZ"[axis] for axis in axes_of(value))
 
 
 def _about(axis: str, angles: np.ndarray) -> np.ndarray:

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._checks.arguments import unknown
+from ..._math.euler import sequence_of
 from .epochs import Epoch, check_system
-from .forms import FORMS, sequence_of
+from .forms import FORMS
 from .frames import check_frame
 from .keywords import HEADER, METADATA, NEEDED_IN_HEADER, ONLY_IN, needed_in
 from .message import AttitudeFile, Segment, body_of

@@ -12,10 +12,11 @@ import jax
 import numpy as np
 
 from ..._checks.arguments import described, unknown
+from ..._math.euler import as_sequence
 from ...drivers.path import Path, VariableStepPath
 from ...simulation.saved import saved_path
 from .epochs import Epoch, check_system
-from .forms import numbers_of, sequence_of
+from .forms import numbers_of
 from .frames import check_frame, is_of_body
 
 UNITS = {"ns": Fraction(1, 10**9), "us": Fraction(1, 10**6), "ms": Fraction(1, 1000), "s": Fraction(1),
@@ -104,10 +105,7 @@ def write(
         raise unknown("version", version, ("1.0", "2.0"))
     if (form == "euler") != (sequence is not None):
         raise ValueError("sequence is the order of Euler angles, such as 'ZYX'; give it only with form='euler'.")
-    try:
-        letters = sequence_of(sequence) if sequence is not None else ""
-    except ValueError as error:
-        raise ValueError(f"sequence {error}") from None
+    letters = "" if sequence is None else as_sequence("sequence", sequence)
     words = {"object_name": object_name, "object_id": object_id, "originator": originator, "center_name": center_name}
     for name, word in words.items():
         if word is not None or name != "center_name":
