@@ -3,7 +3,7 @@
     python benchmarks/binaries.py [cost] [long] [first] [--write]
 
 Processor times on one core, medians of rounds in which all methods take turns; 1000 binaries of different shapes
-through `ml.ensemble`. First calls are measured in processes of their own. `--write` puts tables and picture into docs/.
+through `ml.ensemble`. First calls are measured in separate processes. `--write` puts tables and picture into docs/.
 """
 
 import time
@@ -62,7 +62,7 @@ def end(method: str, degree: int, steps: int) -> ml.CoupledState:
 
 
 def known_end(degree: int) -> dict[str, tuple[float, ...]]:
-    """The published end after a day or, of degree 4, that of the finest run."""
+    """The published end after a day; for degree 4, the end of the finest run."""
     if (didymos.TILTED, degree, didymos.DAY) in didymos.ENDS:
         return didymos.ENDS[didymos.TILTED, degree, didymos.DAY]
     return didymos.as_end(end(FINEST[0], degree, FINEST[1]))
@@ -109,7 +109,7 @@ def cost_rows(found: dict[int, list[Rung]]) -> Iterator[list[str]]:
 
 
 def first_rows() -> Iterator[list[str]]:
-    """Seconds of first calls in processes of their own; imports are not counted."""
+    """Seconds of first calls in separate processes; imports are not counted."""
     for degree in DEGREES:
         for method in ("JACOBI[SRKN14a]", "GBS12"):
             cells = list[str]()

@@ -2,7 +2,7 @@
 
     python benchmarks/coming_from.py NAME [--write]     the measured table of docs/coming-from/NAME.md
 
-Times are processor times on one core, in processes of their own. A ratio above 1 is in favour of midlie_jax.
+Times are processor times on one core, in separate processes. A ratio above 1 favours midlie_jax.
 """
 
 import sys

@@ -4,7 +4,7 @@
 
 1000 fast tops P1 on one core, by `ml.ensemble`, in three processes that take turns: without the options, so that a sort
 keeps steps in vectors; with the option for that in its place; and with vectors of 512 bits besides, as the package asks
-for. Medians of processor time. Only on a processor with AVX-512, elsewhere the script says so and ends.
+for. Medians of processor time. Needs a processor with AVX-512; otherwise the script prints this and ends.
 """
 
 import os

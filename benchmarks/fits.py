@@ -6,7 +6,7 @@
 
 Light curves: 500 brightnesses with 1 % noise at random times in 60 hours, about ten turns. Unknown are the ratios of
 the moments, the rate and the attitude at the start, and the three semi-axes: eleven numbers. The start of each fit is
-10 % off in the ratios of the moments, in all three rates and in the semi-axes, and by .3 rad about a random axis.
+10 % off in the ratios of the moments, in all three rates and in the semi-axes, and by 0.3 rad about a random axis.
 
 Many fits: each data set is the tumbling brick's angular velocity at 31 times with noise of 1e-3 of its size; two ratios
 of moments and three initial rates are estimated from a guess that is 2 to 5 % off. `fit_arrays` fits all data sets in

@@ -6,13 +6,13 @@
 float64 on one core; times are medians of processor time, of programs that take turns. The memory is what the compiled
 gradient needs besides arguments and results.
 
-Of each: the gradient is that of |Pi|^2 at the end with respect to the three moments and the weight, for each top; first
+Part `each`: the gradient of |Pi|^2 at the end with respect to the three moments and the weight, for each top; first
 calls include tracing and compiling, and the memory is for one top. diffrax's Tsit5 takes as many steps of the same
 length, with its default adjoint. Our programs have both options of the compiler (midlie_jax/_xla/compiler.py); Tsit5,
 which is faster without the second of them, has the first. Of 128 steps the default, `Checkpointed()`, keeps every
 state, as `every=1` does.
 
-Of one sum: the gradient is that of the sum over all tops of |Pi|^2 at the end, with respect to the weight, which all
+Part `sum`: the gradient of the sum over all tops of |Pi|^2 at the end, with respect to the weight, which all
 tops share: `jax.value_and_grad` of a loss around `jax.vmap` of `integrate`, with the options of the compiler that
 docs/performance.md recommends for many bodies.
 """

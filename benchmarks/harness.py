@@ -226,7 +226,7 @@ def in_turn(calls: Iterable[Callable[[], Any]], rounds: int, most: int | None = 
 
 
 class Line(NamedTuple):
-    """A line of a chart, or marks; with a name, it is named at its last point. `options` are those of `axes.plot`."""
+    """A line of a chart, or marks. A name is written at its last point. `options` are for `axes.plot`."""
 
     name: str
     x: Any
@@ -238,7 +238,7 @@ class Line(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """A panel of a chart. `options` are those of `axes.set`; `more` draws what else there is."""
+    """A panel of a chart. `options` are for `axes.set`; `more` draws further marks."""
 
     title: str
     across: str
@@ -271,11 +271,11 @@ def chart(
     write(figure, str(path))
 
 
-# ---- processes of their own ----
+# ---- separate processes ----
 
 
 def first_call(script: str, *words: str) -> float:
-    """Median processor time of a first call with tracing and compiling, in processes of its own (`main`'s `first`)."""
+    """Median processor time of a first call with tracing and compiling, in separate processes (`main`'s `first`)."""
     command = [sys.executable, script, "--first", *words]
     found = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(FRESH)]
     return statistics.median(float(text.split()[-1]) for text in found)

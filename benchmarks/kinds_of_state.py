@@ -3,7 +3,7 @@
     python benchmarks/kinds_of_state.py [kinds] [throw] [--write]
 
 Ratios of processor times on one core, medians of rounds in which all programs take turns; 4096 bodies through
-`ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page.
+`ml.ensemble`. First calls are measured in separate processes. `--write` puts the tables into the page.
 """
 
 import re
