@@ -1,6 +1,6 @@
 """Names of a package that are imported at their first use: those that the `__init__.pyi` of the package lists.
 
-Who looks for a class by its name, in a file, first loads the applications, which nothing else imports.
+`classes_below` finds classes by name, for files. It loads the applications, which the core does not import.
 """
 
 import re
@@ -36,7 +36,7 @@ ROOMS = ("asteroids", "molecules", "spacecraft", "spins")
 
 
 def classes_below(base: type) -> list[type]:
-    """All loaded subclasses of a class of the core, those of all applications included."""
+    """All loaded subclasses of a class, also in the applications."""
     for room in ROOMS:
         module = import_module(f"midlie_jax.{room}")
         for name in module.__all__:

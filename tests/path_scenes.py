@@ -242,7 +242,7 @@ TORQUES: dict[str, tuple[str, Any]] = {
     "Damping": ("top", torques.Damping([0.2, 0.3, 0.4])),
     "PDControl, moving": (
         "top",
-        ml.spacecraft.PDControl(lambda t: ml.so3.exp(jnp.array([0.3, 0.1, 0.0]) * t), 0.9, 0.4, limit=0.3),
+        ml.spacecraft.PDControl(lambda t: ml.so3.exp(jnp.array([0.3, 0.1, 0.0], t.dtype) * t), 0.9, 0.4, limit=0.3),
     ),
     "PDControl": ("top", ml.spacecraft.PDControl([0.8, 0.6, 0.0, 0.0], 0.9, 0.4)),
     "ReactionWheels": ("top", ml.spacecraft.ReactionWheels(lambda t: jnp.stack([jnp.sin(t), 0.2 * t, 0.4 * t]))),
