@@ -55,7 +55,7 @@ class Together(Observable):
     """Several observables by name; the value is a dict of their values.
 
     Attributes:
-        parts: the observables by name.
+        parts: the observables by name, each in any form that `observe` of a run accepts.
 
     Examples:
         >>> both = ml.observe.Together({"energy": ml.observe.energy, "axis": ml.observe.Axis()})
@@ -65,7 +65,9 @@ class Together(Observable):
         (2.25, (3,))
     """
 
-    parts: dict[str, Observable]
+    parts: dict[str, Observable] = eqx.field(
+        converter=lambda parts: {name: as_observable(f"observe[{name!r}]", part) for name, part in parts.items()}
+    )
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
         return {name: part.of(t, state, body, torque) for name, part in self.parts.items()}
