@@ -229,10 +229,10 @@ def bath(figure: Any) -> None:
     panel(axes, "", "cosine of the angle to the field  [-]", "probability density  [-]")
     n, kT, x = 2000, 0.7, 2.0
     start = ml.RigidState(jnp.zeros((n, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (n, 1)))
-    heat = ml.torques.Langevin(kT, friction=1.0, key=jax.random.split(jax.random.key(0), n))
+    heat = ml.baths.Langevin(kT, friction=1.0, key=jax.random.split(jax.random.key(0), n))
     path = ml.ensemble(
-        "SYMMETRIC[BAOAB]", ml.RigidBody([1.0, 1.0, 0.5]), ml.torques.HeavyTop(-x * kT) + heat, start,
-        dt=0.1, steps=2000, save_every=20, observe=ml.observe.Axis(),
+        "SYMMETRIC[BAOAB]", ml.RigidBody([1.0, 1.0, 0.5]), ml.torques.HeavyTop(-x * kT), start,
+        bath=heat, dt=0.1, steps=2000, save_every=20, observe=ml.observe.Axis(),
     )  # fmt: skip
     axes.hist(np.ravel(path.states[:, 10:, 2]), np.linspace(-1, 1, 41), density=True, color=SKY)
     cosine = np.linspace(-1, 1, 200)

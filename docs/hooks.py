@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))  # these sources, whatever is installed
 # The guide that explains a name, by the longest beginning that fits. Where one guide explains all of a topic, api.md
 # links to it.
 EXPLAINED = {
-    "heat.md": ["torques.Langevin", "torques.baths_in", "torques.without_bath", "schemes.measured_weak_order"],
+    "heat.md": ["baths.", "schemes.measured_weak_order"],
     "spins.md": ["spins."],
     "bodies-together.md": ["Coupled", "molecules.", "asteroids.MutualGravity", "torques.OnEach"],
     "travelling.md": [

@@ -31,6 +31,7 @@ from .integrators import flights as flights
 from .integrators import schemes as schemes
 from .integrators.registry import method as method
 from .integrators.registry import methods as methods
+from .model import baths as baths
 from .model import densities as densities
 from .model import orbits as orbits
 from .model import so3 as so3

@@ -33,7 +33,7 @@ def at_rest(count):
 # %% [markdown]
 # ## Warming up
 #
-# A bath is a term of the torque, `ml.torques.Langevin`: the temperature, the friction (torque per angular velocity) and
+# A bath is an argument of a run, `ml.baths.Langevin`: the temperature, the friction (torque per angular velocity) and
 # a random key. It needs a method whose step has a stage for it. `BAOAB` is such a scheme: kick (B), flight (A), bath
 # (O), flight, kick. Here are four thousand free bricks that start at rest. Each axis ends with half a kT, whatever its
 # moment is, and after the time t it has the share 1 - exp(-2 G t/I) of it. The brick tumbles, which mixes the axes.
@@ -41,8 +41,8 @@ def at_rest(count):
 # %%
 moments = jnp.array([1.0, 2.0, 2.5])
 brick, many = ml.RigidBody(moments), 4096
-bath = ml.torques.Langevin(kT, friction=0.5, key=keys(many))
-warming = ml.ensemble("JACOBI[BAOAB]", brick, bath, at_rest(many), dt=0.1, steps=160, save_every=4)
+bath = ml.baths.Langevin(kT, friction=0.5, key=keys(many))
+warming = ml.ensemble("JACOBI[BAOAB]", brick, None, at_rest(many), dt=0.1, steps=160, save_every=4, bath=bath)
 temperature = np.mean(np.asarray(warming.states.momentum) ** 2 / moments, axis=0) / kT
 print("at the end, on each axis:", temperature[-1].round(3), "+-", round(np.sqrt(2 / many), 3))
 
@@ -66,7 +66,7 @@ _ = right.plot(shown, np.exp(-(shown**2) / 2) / np.sqrt(2 * np.pi), color=GREY)
 # kept at every step that the flight can take: here at steps of one relaxation time of the first axis.
 
 # %%
-long = ml.ensemble("JACOBI[BAOAB]", brick, bath, at_rest(many), dt=2.0, steps=160, save_every=4).states
+long = ml.ensemble("JACOBI[BAOAB]", brick, None, at_rest(many), dt=2.0, steps=160, save_every=4, bath=bath).states
 print(np.mean(np.asarray(long.momentum[:, -1]) ** 2 / moments, axis=0).round(3))
 
 # %% [markdown]
@@ -89,8 +89,9 @@ def in_field(x):
 aligned = ml.ensemble(
     "SYMMETRIC[BAOAB]",
     top,
-    in_field(x) + ml.torques.Langevin(kT, 1.0, keys(len(x), 1)),
+    in_field(x),
     at_rest(len(x)),
+    bath=ml.baths.Langevin(kT, 1.0, keys(len(x), 1)),
     dt=0.1,
     steps=2000,
     save_every=20,
@@ -116,9 +117,10 @@ count, field = 8000, 4.0
 for scheme, colour in (("BAOAB", BLUE), ("OBABO", ORANGE), ("ABOBA", GREEN)):
     found = []
     for dt in steps:
-        torque = in_field(field) + ml.torques.Langevin(kT, 1.0, keys(count, 2))
         run = {"dt": dt, "steps": 800, "save_every": 8, "observe": ml.observe.Axis()}
-        seen = np.asarray(ml.ensemble(f"SYMMETRIC[{scheme}]", top, torque, at_rest(count), **run).states)[:, 25:, 2]
+        run["bath"] = ml.baths.Langevin(kT, 1.0, keys(count, 2))
+        path = ml.ensemble(f"SYMMETRIC[{scheme}]", top, in_field(field), at_rest(count), **run)
+        seen = np.asarray(path.states)[:, 25:, 2]
         found.append((seen.mean() - (1 / np.tanh(field) - 1 / field), seen.mean(1).std() / np.sqrt(count)))
     error, bar = np.array(found).T
     axes.errorbar(steps, error, bar, color=colour, capsize=2)
@@ -142,10 +144,10 @@ weak, strong = 0.5, 10.0
 
 def correlation(observable, lags, friction, dt, every):
     """Of 200 values, saved after `every` steps each."""
-    bath = ml.torques.Langevin(kT, friction, keys(count))
+    bath = ml.baths.Langevin(kT, friction, keys(count))
     observe = ml.observe.Autocorrelation(observable, lags)
     run = {"dt": dt, "steps": 200 * every, "save_every": every, "observe": observe}
-    return ml.ensemble("JACOBI[BAOAB]", sphere, bath, start, **run).states
+    return ml.ensemble("JACOBI[BAOAB]", sphere, None, start, bath=bath, **run).states
 
 
 velocity = correlation(ml.observe.angular_velocity, 40, weak, dt=0.2, every=1)
@@ -186,14 +188,15 @@ def light(t, state):
 
 
 count, period = 400, 2 * np.pi / libration
-gas = ml.torques.Langevin(kT, friction=1e-3, key=keys(count, 4))
+gas = ml.baths.Langevin(kT, friction=1e-3, key=keys(count, 4))
 spread = jnp.sqrt(kT * jnp.array([across, across, along]))
 hot = ml.RigidState(spread * jax.random.normal(jax.random.key(5), (count, 3)), at_rest(count).attitude)
 seen = ml.ensemble(
     "SYMMETRIC[BAOAB]",
     ml.RigidBody([across, across, along]),
-    ml.torques.FromPotential(light) + gas,
+    ml.torques.FromPotential(light),
     hot,
+    bath=gas,
     dt=period / 60,
     steps=15 * 8192,
     save_every=15,
@@ -226,8 +229,8 @@ field, count, number = 2.0, 8000, 150
 
 
 def mean_cosine(x):
-    torque = in_field(x) + ml.torques.Langevin(kT, 1.0, keys(count, 6))
-    run = ml.ensemble("SYMMETRIC[BAOAB]", top, torque, at_rest(count), dt=0.1, steps=number)
+    bath = ml.baths.Langevin(kT, 1.0, keys(count, 6))
+    run = ml.ensemble("SYMMETRIC[BAOAB]", top, in_field(x), at_rest(count), dt=0.1, steps=number, bath=bath)
     return ml.so3.to_matrix(run.states.attitude)[:, 2, 2].mean()
 
 

@@ -58,8 +58,8 @@ def orbit(where):
 
 def heated(where):
     """In a heat bath, with a key for each body."""
-    bath = ml.torques.Langevin(0.7, 1.3, jax.random.split(jax.random.key(0), len(MOMENTA)))
-    return ml.ensemble("SYMMETRIC[BAOAB]", BODY, TOP + bath, START, dt=0.05, steps=20, chunk=6, mesh=where)
+    bath = ml.baths.Langevin(0.7, 1.3, jax.random.split(jax.random.key(0), len(MOMENTA)))
+    return ml.ensemble("SYMMETRIC[BAOAB]", BODY, TOP, START, dt=0.05, steps=20, chunk=6, mesh=where, bath=bath)
 
 
 def energy(t, state):

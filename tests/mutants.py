@@ -47,7 +47,10 @@ MUTANTS = {
         "test_flights.py",
     ),
     "spread of a bath": Mutant(
-        "model/bath.py", "root_of(-jnp.expm1(-2 * rate * time))", "root_of(-jnp.expm1(-rate * time))", "test_heat.py"
+        "model/exposure.py",
+        "root_of(-jnp.expm1(-2 * rate * time))",
+        "root_of(-jnp.expm1(-rate * time))",
+        "test_heat.py",
     ),
     "torque of J2": Mutant(
         "model/torques/travel.py",

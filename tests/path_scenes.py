@@ -18,6 +18,7 @@ import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
 from midlie_jax.integrators.schemes import SCHEMES
 from midlie_jax.integrators.stages import BATH
+from midlie_jax.model.baths.with_bath import WithBath
 
 torques, orbits = ml.torques, ml.orbits
 DT, T0, BODIES = 1 / 64, 0.3, 3
@@ -276,24 +277,22 @@ TORQUES: dict[str, tuple[str, Any]] = {
     "OwnField": ("spins", Quartic(jnp.array(0.3))),
     "SpinField": ("spins", Spiral(jnp.array(0.3))),
 }
-# Torques whose scenes are those of baths, and names in `midlie_jax.torques` that are no torques with numbers.
-HEAT = {"Langevin", "ThermalField"}
 
 # ---- baths ----
 
 
 def langevin(state: str, kT: Any = 0.7, friction: Any = 0.8) -> Any:
-    """A heat bath on a kind of state, as a function of the random key."""
+    """No torque with a heat bath on a kind of state, as a function of the random key."""
     linear = 0.5 if STATES[state][1].kind.rotation is not None else None
-    return lambda key: torques.Langevin(kT, friction, key, linear_friction=linear)
+    return lambda key: WithBath(None, ml.baths.Langevin(kT, friction, key, linear_friction=linear))
 
 
 def thermal(key: Any) -> Any:
-    return torque_for("lattice") + ml.spins.ThermalField(0.3, key)
+    return WithBath(torque_for("lattice"), ml.spins.ThermalField(0.3, key))
 
 
 def with_field(bath: Any, torque: Any) -> Any:
-    return lambda key: torque + bath(key)
+    return lambda key: WithBath(torque, bath(key).bath)
 
 
 BATHS: dict[str, tuple[str, Any]] = {

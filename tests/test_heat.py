@@ -6,6 +6,7 @@ from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from cases import DTYPES, REAL, RIGID_FLIGHTS, quick, real
@@ -17,13 +18,13 @@ from midlie_jax.integrators import schemes
 from midlie_jax.integrators.scheme_order import measured_weak_order
 from midlie_jax.integrators.splitting import Splitting
 from midlie_jax.integrators.stages import BATH, FLIGHT, KICK
-from midlie_jax.model.bath import exposures
+from midlie_jax.model.exposure import exposures
 
 KT, FRICTION = 0.7, 1.3
 MOMENTS = np.array([1.0, 2.0, 2.5])
 BATHS = ["BAOAB", "OBABO", "ABOBA"]
 MANY = 8192
-Langevin = ml.torques.Langevin
+Langevin = ml.baths.Langevin
 
 
 def tensors(count, seed=0, rank=3):
@@ -100,8 +101,8 @@ def test_the_momentum_after_one_stage_has_the_stated_covariance(frame):
     inertia = np.diag(MOMENTS) if frame == "principal" else 0.2 * tensors(1, seed=4)[0] + 2 * np.eye(3)
     body = ml.RigidBody(MOMENTS) if frame == "principal" else ml.TensorBody(inertia)
     table = schemes.Scheme("flight before the bath", 1, ((FLIGHT, 1.0), (BATH, 1.0)))
-    torque = Langevin(KT, friction, keys(MANY))
-    path = ensemble(ml.method("JACOBI", table), body, torque, at_rest(MANY), dt=time, steps=1)
+    bath = Langevin(KT, friction, keys(MANY))
+    path = ensemble(ml.method("JACOBI", table), body, None, at_rest(MANY), dt=time, steps=1, bath=bath)
     kept = expm(-friction @ np.linalg.inv(inertia) * time)
     wanted = KT * (inertia - kept @ inertia @ kept.T)
     momentum = np.asarray(path.states.momentum)
@@ -119,10 +120,10 @@ def moments_for(flight):
 def heated(flight, dtype, *, hot, scheme="BAOAB"):
     """Free bodies after more than ten relaxation times."""
     moments = moments_for(flight)
-    torque = Langevin(jnp.asarray(KT, dtype), jnp.asarray([1.0, 2.0, 0.9], dtype), keys(MANY))
+    bath = Langevin(jnp.asarray(KT, dtype), jnp.asarray([1.0, 2.0, 0.9], dtype), keys(MANY))
     start = at_rest(MANY, dtype, hot=hot, moments=moments)
     name = f"{flight.name}[{scheme}]"
-    path = ensemble(name, body_in(dtype, moments), torque, start, dt=0.1, steps=300)
+    path = ensemble(name, body_in(dtype, moments), None, start, dt=0.1, steps=300, bath=bath)
     return moments, path
 
 
@@ -177,8 +178,8 @@ def test_the_temperature_does_not_depend_on_what_is_saved(flight, scheme, field)
     start = ml.RigidState(thermal, at_rest(MANY).attitude)
     for exposure in (0.1, 0.7):
         bath = Langevin(KT, exposure * moments / dt, keys(MANY))
-        torque = bath if field is None else ml.torques.HeavyTop(field) + bath
-        found = ends(ml.ensemble, f"{flight.name}[{scheme}]", ml.RigidBody(moments), torque, start, dt=dt)
+        torque = None if field is None else ml.torques.HeavyTop(field)
+        found = ends(ml.ensemble, f"{flight.name}[{scheme}]", ml.RigidBody(moments), torque, start, dt=dt, bath=bath)
         same(found)
         close_to_one(np.asarray(found[0].momentum) ** 2 / (KT * moments))
 
@@ -233,8 +234,8 @@ def method_for(kind):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_state_comes_to_the_maxwell_distribution(kind):
-    body, torque, start, squares = kinds(MANY)[kind]
-    path = ensemble(method_for(kind), body, torque, start, dt=0.2, steps=120)
+    body, bath, start, squares = kinds(MANY)[kind]
+    path = ensemble(method_for(kind), body, None, start, dt=0.2, steps=120, bath=bath)
     assert bool(path.ok.all())
     close_to_one(squares(path.states), errors=3.5)
 
@@ -253,28 +254,26 @@ def test_every_way_of_running_a_bath_gives_the_same_states(kind, field):
 
     To the bit without a field; with one to rounding, because each program may contract other sums of its derivative.
     """
-    body, torque, start, _ = kinds(10)[kind]
-    one = {"kT": torque.kT, "friction": torque.friction, "linear_friction": torque.linear_friction}
-    alone = Langevin(**one, key=torque.key[0])
-    if field and kind != "momentum":
-        forces = ml.torques.FromPotential(lambda t, state: pulled(kind, state))
-        torque, alone = forces + torque, forces + alone
+    body, baths, start, _ = kinds(10)[kind]
+    one = {"kT": baths.kT, "friction": baths.friction, "linear_friction": baths.linear_friction}
+    bath = Langevin(**one, key=baths.key[0])
+    pulls = field and kind != "momentum"
+    torque = ml.torques.FromPotential(lambda t, state: pulled(kind, state)) if pulls else None
     method = method_for(kind)
     same = near if field else equal
-    same(ends(ml.ensemble, method, body, torque, start, dt=0.2))
+    same(ends(ml.ensemble, method, body, torque, start, dt=0.2, bath=baths))
     state = first = jax.tree.map(lambda x: x[0], start)
     for n in range(STEPS):
-        path = as_for_users(ml.integrate, method, body, alone, state, dt=0.2, steps=1, first_step=n)
+        path = as_for_users(ml.integrate, method, body, torque, state, dt=0.2, steps=1, first_step=n, bath=bath)
         state = last_of(path.states)
-    same([state, *ends(ml.integrate, method, body, alone, first, dt=0.2)])
+    same([state, *ends(ml.integrate, method, body, torque, first, dt=0.2, bath=bath)])
 
 
 @pytest.mark.sample(0)
 def test_a_linear_molecule_does_not_spin():
     start = ml.AxisState(jnp.zeros((64, 3)), jnp.tile(jnp.array([0.0, 0.6, 0.8]), (64, 1)))
-    path = ensemble(
-        "SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50
-    )
+    bath = Langevin(KT, FRICTION, keys(64))
+    path = ensemble("SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 0.0), None, start, dt=0.2, steps=50, bath=bath)
     along = np.sum(np.asarray(path.states.momentum * path.states.axis), -1)
     assert np.abs(along).max() < 1e-14
 
@@ -285,12 +284,12 @@ def test_a_linear_molecule_does_not_spin():
 def test_a_dipole_in_a_field_points_as_langevin_says(scheme, x):
     """<cos theta> = coth x - 1/x; the errors of the steps, of order (h omega)^2/20, are below the sampling error."""
     count, moments = 2048, np.array([2.0, 2.0, 0.9])
-    torque = ml.torques.HeavyTop(-x * KT) + Langevin(KT, FRICTION, keys(count))
     path = ensemble(
         f"SYMMETRIC[{scheme}]",
         ml.RigidBody(moments),
-        torque,
+        ml.torques.HeavyTop(-x * KT),
         at_rest(count),
+        bath=Langevin(KT, FRICTION, keys(count)),
         dt=0.2 / np.sqrt(x),
         steps=600,
         save_every=30,
@@ -319,8 +318,9 @@ def test_the_averages_in_a_harmonic_well_are_those_of_theory(scheme):
     path = ensemble(
         f"JACOBI[{scheme}]",
         ml.FreeBody(ml.RigidBody(MOMENTS), mass),
-        well + Langevin(KT, FRICTION, keys(MANY), 2.0),
+        well,
         ml.FreeState(z, rest.attitude, z, z),
+        bath=Langevin(KT, FRICTION, keys(MANY), 2.0),
         dt=dt,
         steps=40,
     )
@@ -334,13 +334,13 @@ def test_a_temperature_that_depends_on_time_is_that_of_the_time():
     """Constant, it is a temperature; and in a weak bath that cools as exp(-t), the energy is what its equation says."""
     start, friction = at_rest(MANY), 2.0
     constant, function = (
-        ensemble("JACOBI[BAOAB]", body_in("float64"), Langevin(kT, friction, keys(MANY)), start, dt=0.1, steps=20)
-        for kT in (KT, lambda t: jnp.full_like(t, KT))
+        ensemble("JACOBI[BAOAB]", body_in("float64"), None, start, dt=0.1, steps=20, bath=bath)
+        for bath in (Langevin(kT, friction, keys(MANY)) for kT in (KT, lambda t: jnp.full_like(t, KT)))
     )
     np.testing.assert_allclose(constant.states.momentum, function.states.momentum, rtol=1e-9, atol=1e-12)
     cooling = Langevin(lambda t: KT * jnp.exp(-t), friction, keys(MANY))
     sphere = body_in("float64", np.array([2.0, 2.0, 2.0]))
-    end = ensemble("JACOBI[OBABO]", sphere, cooling, start, dt=0.02, steps=100, save_every=None).states
+    end = ensemble("JACOBI[OBABO]", sphere, None, start, dt=0.02, steps=100, bath=cooling).states
     # d<Pi^2>/dt = -2 g <Pi^2> + 2 g kT I with g = friction/I = 1: <Pi^2> = kT I 2 (exp(-t) - exp(-2 t)).
     close_to_one(end.momentum**2 / (2 * KT * 2 * (np.exp(-2.0) - np.exp(-4.0))))
 
@@ -363,8 +363,8 @@ def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
     plain = Splitting(heated.flight, heated.scheme, "plain")
     object.__setattr__(plain, "scheme", without(heated.scheme))
     other = [
-        ensemble(m, body_in(dtype), t, start, dt=0.1, steps=40).states
-        for m, t in ((heated, top + frictionless), (plain, top))
+        ensemble(method, body_in(dtype), top, start, dt=0.1, steps=40, bath=bath).states
+        for method, bath in ((heated, frictionless), (plain, None))
     ]
     for a, b in zip(*map(jax.tree.leaves, other), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -373,8 +373,9 @@ def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
 @pytest.mark.sample(0)
 def test_a_bath_around_a_step_without_friction_is_that_step():
     start, top = at_rest(8, hot=True), ml.torques.HeavyTop(1.5)
-    heated = ensemble("JACOBI[OBABO]", body_in("float64"), top + Langevin(KT, 0.0, keys(8)), start, dt=0.1, steps=20)
-    plain = ensemble("JACOBI[EA]", body_in("float64"), top, start, dt=0.1, steps=20)
+    run = body_in("float64"), top, start
+    heated = ensemble("JACOBI[OBABO]", *run, dt=0.1, steps=20, bath=Langevin(KT, 0.0, keys(8)))
+    plain = ensemble("JACOBI[EA]", *run, dt=0.1, steps=20)
     np.testing.assert_array_equal(heated.states.momentum, plain.states.momentum)
 
 
@@ -384,14 +385,14 @@ def last_of(states):
 
 def one(**options):
     """A top in a bath, one body."""
-    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, tensors(1)[0], jax.random.key(7))
+    bath = Langevin(KT, tensors(1)[0], jax.random.key(7))
     start = last_of(at_rest(1, hot=True))
     return ml.integrate(
         options.pop("method", "JACOBI[BAOAB]"),
         body_in("float64"),
-        torque,
+        ml.torques.HeavyTop(1.5),
         options.pop("start", start),
-        **{"dt": 0.1, "steps": 40, **options},
+        **{"dt": 0.1, "steps": 40, "bath": bath, **options},
     )
 
 
@@ -411,13 +412,14 @@ def test_a_run_goes_on_where_it_stopped(scheme):
 
 
 def of_spins(start, key, **run):
-    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(KT, key)
-    return ml.integrate("SUBLATTICES[OBABO]", ml.spins.Spins(damping=0.5), torque, start, dt=0.1, **run).states
+    field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(KT, key)
+    spins = ml.spins.Spins(damping=0.5)
+    return ml.integrate("SUBLATTICES[OBABO]", spins, field, start, dt=0.1, bath=bath, **run).states
 
 
 def of_a_free_body(start, key, **run):
-    bath = Langevin(1.0, 0.5, key)
-    return ml.integrate("JACOBI[OBABO]", ml.RigidBody([1.0, 2.0, 2.5]), bath, start, dt=0.1, **run).states
+    body, bath = ml.RigidBody([1.0, 2.0, 2.5]), Langevin(1.0, 0.5, key)
+    return ml.integrate("JACOBI[OBABO]", body, None, start, dt=0.1, bath=bath, **run).states
 
 
 IN_BATHS = {
@@ -457,17 +459,11 @@ def test_a_run_with_its_key_within_the_program_goes_on_where_it_stopped():
 def test_the_numbers_of_a_body_are_those_of_its_key_and_step_alone():
     """One = a batch = chunks, an index of steps that is negative or large works, and every step and stage differs."""
     count = 40
-    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(count))
+    given, run = ("JACOBI[OBABO]", body_in("float64"), ml.torques.HeavyTop(1.5)), {"dt": 0.1, "steps": 10}
     start = at_rest(count, hot=True)
-    runs = [ensemble("JACOBI[OBABO]", body_in("float64"), torque, start, dt=0.1, steps=10, chunk=c) for c in (40, 8)]
-    alone = ml.integrate(
-        "JACOBI[OBABO]",
-        body_in("float64"),
-        ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(count)[3]),
-        jax.tree.map(lambda x: x[3], start),
-        dt=0.1,
-        steps=10,
-    )
+    runs = [ensemble(*given, start, **run, bath=Langevin(KT, FRICTION, keys(count)), chunk=c) for c in (40, 8)]
+    one_start, bath = jax.tree.map(lambda x: x[3], start), Langevin(KT, FRICTION, keys(count)[3])
+    alone = ml.integrate(*given, one_start, **run, bath=bath)
     np.testing.assert_array_equal(runs[0].states.momentum, runs[1].states.momentum)
     np.testing.assert_allclose(alone.states.momentum[-1], runs[0].states.momentum[3], rtol=1e-5)
     ends = [np.asarray(one(steps=1, first_step=n, t0=-0.1 * n).states.momentum[-1]) for n in (-5, 0, 1, 2**30)]
@@ -480,7 +476,8 @@ def test_coupled_bodies_number_by_number_and_side_by_side_have_the_same_noise():
     def momenta(count):
         z, e = jnp.zeros((count, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (count, 1))
         body, bath = ml.FreeBody(ml.RigidBody(MOMENTS), 3.0), Langevin(KT, tensors(1)[0], jax.random.key(3), 0.5)
-        return ml.integrate("JACOBI[BAOAB]", body, bath, ml.CoupledState(z, e, z, z), dt=0.1, steps=10).states
+        start = ml.CoupledState(z, e, z, z)
+        return ml.integrate("JACOBI[BAOAB]", body, None, start, dt=0.1, steps=10, bath=bath).states
 
     few, many = momenta(3), momenta(7)
     for a, b in zip(jax.tree.leaves(few), jax.tree.leaves(many), strict=True):
@@ -500,10 +497,9 @@ def test_gradients_through_a_bath_are_those_of_the_path():
     start = jax.tree.map(lambda x: x[0], at_rest(1, hot=True))
 
     def end(kT, friction, adjoint):
-        torque = ml.torques.HeavyTop(1.5) + Langevin(kT, friction, jax.random.key(7))
-        run = ml.integrate(
-            "JACOBI[BAOAB]", body_in("float64", 2 * np.ones(3)), torque, start, dt=0.1, steps=20, adjoint=adjoint
-        )
+        body, torque = body_in("float64", 2 * np.ones(3)), ml.torques.HeavyTop(1.5)
+        options = {"adjoint": adjoint, "bath": Langevin(kT, friction, jax.random.key(7))}
+        run = ml.integrate("JACOBI[BAOAB]", body, torque, start, dt=0.1, steps=20, **options)
         return jnp.sum(run.states.momentum[-1] * jnp.array([1.0, -0.4, 0.3]))
 
     friction, step = jnp.eye(3) * FRICTION, 1e-6
@@ -555,10 +551,10 @@ def messages():
             jax.tree.map(lambda x: jnp.tile(x, (4, 1)), start),
             Langevin(kT, *friction[:1], keys(4), *friction[1:]),
         )
-        return lambda: ml.ensemble(name, body, keyed, starts, **run)
+        return lambda: ml.ensemble(name, body, None, starts, bath=keyed, **run)
 
-    def go(method="JACOBI[BAOAB]", body=body, torque=bath, start=start, **options):
-        return lambda: ml.integrate(method, body, torque, start, **{**run, **options})
+    def go(method="JACOBI[BAOAB]", body=body, bath=bath, start=start, torque=None, **options):
+        return lambda: ml.integrate(method, body, torque, start, **{**run, "bath": bath, **options})
 
     return {
         "cold": (lambda: Langevin(-KT, 1.0, key), "kT must be finite and not negative"),
@@ -570,25 +566,31 @@ def messages():
         ),
         "no key": (lambda: Langevin(KT, 1.0, 7), "key must be a typed key"),
         "raw key": (lambda: Langevin(KT, 1.0, jax.random.PRNGKey(0)), "key must be a typed key"),
-        "no stage": (go("JACOBI[EA]"), "has no stage for it"),
-        "no stage of a Runge-Kutta method": (go("RK4"), "has no stage for it"),
-        "no bath": (go(torque=ml.torques.HeavyTop(1.0)), "the torque has none"),
-        "nothing": (go(torque=None), "the torque has none"),
-        "two baths": (go(torque=bath + bath), "can have one Langevin, got 2"),
-        "hidden bath": (go(torque=ml.torques.VelocityDependent(bath)), "must be a term of the sum"),
-        "called": (lambda: bath(0.0, start), "reads the body"),
+        "no stage": (go("JACOBI[EA]"), "must have a stage for the bath"),
+        "no stage of a Runge-Kutta method": (go("RK4"), "must have a stage for the bath"),
+        "no bath": (go(bath=None, torque=ml.torques.HeavyTop(1.0)), "but bath is None; pass bath="),
         "back in time": (go(dt=-0.1), "dt must be positive in a heat bath"),
-        "several keys": (go(torque=Langevin(KT, 1.0, keys(3))), "has one key, got"),
+        "several keys": (go(bath=Langevin(KT, 1.0, keys(3))), "has one key, got"),
         "one key for many": (
-            lambda: ml.ensemble("JACOBI[BAOAB]", body, bath, several, **run),
-            "would all get the same noise; give it one for each",
+            lambda: ml.ensemble("JACOBI[BAOAB]", body, None, several, bath=bath, **run),
+            r"bath.key must have one key for each of 3 bodies.* pass jax.random.split\(key, 3\)",
+        ),
+        "an unknown row": (
+            lambda: ml.ensemble("JACOBI[BAOAB]", body, None, several, bath=bath, torque_axes=["key"], **run),
+            "the torque's parameters are bath.kT, bath.key, bath.friction",
+        ),
+        "keys of others": (
+            lambda: ml.ensemble(
+                "JACOBI[BAOAB]", body, None, several, bath=Langevin(KT, 1.0, keys(2)), torque_axes=0, **run
+            ),
+            "bath.* has .* rows",
         ),
         "travels": (go(body=free, start=moving), "give Langevin the linear_friction"),
-        "does not translate": (go(torque=Langevin(KT, 1.0, key, 1.0)), "leave out linear_friction"),
-        "friction of many": (go(torque=Langevin(KT, jnp.ones(5), key)), "of shape"),
-        "temperatures": (go(torque=Langevin(jnp.ones(3), 1.0, key)), "kT must be one number"),
+        "does not translate": (go(bath=Langevin(KT, 1.0, key, 1.0)), "leave out linear_friction"),
+        "friction of many": (go(bath=Langevin(KT, jnp.ones(5), key)), "of shape"),
+        "temperatures": (go(bath=Langevin(jnp.ones(3), 1.0, key)), "kT must be one number"),
         "three numbers in a frame": (
-            go(body=ml.TensorBody(np.diag(MOMENTS)), torque=Langevin(KT, [1.0, 2.0, 3.0], key)),
+            go(body=ml.TensorBody(np.diag(MOMENTS)), bath=Langevin(KT, [1.0, 2.0, 3.0], key)),
             "Give the tensor",
         ),
         "oblique axis": (
@@ -622,14 +624,10 @@ def messages():
             "has a bath, so averages are of weak order 2 at most; leave out gradients",
         ),
         "adaptive": (
-            lambda: ml.integrate_variable_step("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),
+            lambda: ml.integrate_variable_step("JACOBI[BAOAB]", body, None, start, density=lambda t, s: 1.0, **run),
             "would bias averages",
         ),
-        "recommend": (
-            lambda: ml.recommend(body, bath, start, tolerance=1e-3, duration=1.0),
-            "needs a deterministic run",
-        ),
-        "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "needs a deterministic run"),
+        "check": (lambda: ml.check("JACOBI[BAOAB]", body, None, start, dt=0.1), "needs a deterministic run"),
         "particles": (
             go(ml.method(ml.flights.Linear(), "BAOAB"), particle, bath, ml.ParticleState(jnp.ones(1), jnp.ones(1))),
             "Langevin acts on rigid bodies and rotors, not on a ParticleState",
@@ -640,10 +638,10 @@ def messages():
 def test_an_oblique_axis_is_refused_also_after_a_run_that_was_right():
     """What is remembered of the first run is of its shapes, not of its numbers."""
     axis = ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
-    run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 1.0), start=axis, dt=0.1, steps=2)
-    assert run(torque=Langevin(KT, [1.0, 1.0, 3.0], jax.random.key(0))).ok
+    run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 1.0), None, axis, dt=0.1, steps=2)
+    assert run(bath=Langevin(KT, [1.0, 1.0, 3.0], jax.random.key(0))).ok
     with pytest.raises(ValueError, match="with the first two equal"):
-        run(torque=Langevin(KT, [1.0, 2.0, 3.0], jax.random.key(0)))
+        run(bath=Langevin(KT, [1.0, 2.0, 3.0], jax.random.key(0)))
 
 
 @pytest.mark.parametrize("case", messages())
@@ -653,14 +651,28 @@ def test_bad_input_is_named(case):
         call()
 
 
+def test_a_bath_is_no_torque(monkeypatch):
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    bath, start = Langevin(KT, FRICTION, jax.random.key(0)), jax.tree.map(lambda x: x[0], at_rest(1))
+    run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), start=start, dt=0.1, steps=4)
+    for call, message in (
+        (lambda: run(None, bath=KT), "bath must be a midlie_jax.baths.Langevin or None, got float"),
+        (lambda: run(bath), "callable.*got Langevin. Pass a heat bath as bath="),
+        (lambda: ml.torques.HeavyTop(1.0) + bath, r"got a Langevin; pass bath=Langevin\(...\) to the run"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
 @pytest.mark.sample(0)
 def test_one_key_for_many_is_possible_if_it_is_said():
     start = at_rest(3)
     path = ensemble(
         "JACOBI[BAOAB]",
         body_in("float64"),
-        Langevin(KT, 1.0, jax.random.key(0)),
+        None,
         start,
+        bath=Langevin(KT, 1.0, jax.random.key(0)),
         dt=0.1,
         steps=4,
         torque_axes=None,
@@ -668,16 +680,40 @@ def test_one_key_for_many_is_possible_if_it_is_said():
     np.testing.assert_allclose(path.states.momentum, np.tile(path.states.momentum[:1], (3, 1)))
 
 
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("count", [2, 3])
+def test_rows_of_a_bath_are_rows_of_one_body(count):
+    """Chosen from the shapes, by name, or as axes of torque and bath."""
+    weights, kT, friction = jnp.linspace(1.0, 2.0, count), jnp.linspace(0.5, 1.0, count), FRICTION * jnp.eye(3)
+    bath, start = Langevin(kT, friction, keys(count)), at_rest(count, hot=True)
+    run = partial(ml.ensemble, "JACOBI[BAOAB]", body_in("float64"), ml.torques.HeavyTop(weights), start, bath=bath)
+    axes = (ml.torques.HeavyTop(0, None), Langevin.__new__(Langevin))
+    for name, axis in (("kT", 0), ("key", 0), ("friction", None), ("linear_friction", None)):
+        object.__setattr__(axes[1], name, axis)
+    said = [["mgl", "bath.kT", "bath.key"], axes, *(["auto"] if count == 2 else [])]
+    for found in (run(dt=0.1, steps=5, torque_axes=each).states for each in said):
+        for row in range(count):
+            one = Langevin(kT[row], friction, bath.key[row])
+            state = jax.tree.map(lambda x, row=row: x[row], start)
+            torque = ml.torques.HeavyTop(weights[row])
+            path = ml.integrate("JACOBI[BAOAB]", body_in("float64"), torque, state, dt=0.1, steps=5, bath=one)
+            np.testing.assert_allclose(found.momentum[row], path.states.momentum[-1], rtol=1e-12, atol=1e-13)
+
+
+def test_python_numbers_run_in_float32():
+    start = jax.tree.map(lambda x: x[0], at_rest(1, "float32"))
+    bath = Langevin(0.7, 1.3, jax.random.key(0))
+    path = ml.integrate("JACOBI[BAOAB]", body_in("float32"), None, start, dt=0.1, steps=4, bath=bath)
+    assert path.ok
+    assert path.states.momentum.dtype == jnp.float32
+
+
 def test_a_failure_is_a_flag():
     """A temperature that becomes negative, and a step backwards that only the program knows."""
     start, key = jax.tree.map(lambda x: x[0], at_rest(1)), jax.random.key(0)
-    cold = ml.integrate(
-        "JACOBI[BAOAB]", body_in("float64"), Langevin(lambda t: 1 - 10 * t, 1.0, key), start, dt=0.1, steps=4
-    )
-    assert not cold.ok
-    back = jax.jit(
-        lambda dt: ml.integrate("JACOBI[BAOAB]", body_in("float64"), Langevin(KT, 1.0, key), start, dt=dt, steps=4).ok
-    )
+    run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), None, start, steps=4)
+    assert not run(dt=0.1, bath=Langevin(lambda t: 1 - 10 * t, 1.0, key)).ok
+    back = jax.jit(lambda dt: run(dt=dt, bath=Langevin(KT, 1.0, key)).ok)
     assert back(0.1)
     assert not back(-0.1)
 
@@ -688,15 +724,14 @@ def test_keys_are_drawn_saved_and_resumed(tmp_path):
     some = ml.scatter(jax.random.key(1), range(5, 9), noise=ml.distributions.Key())
     np.testing.assert_array_equal(*(jax.random.key_data(x) for x in (some["noise"], drawn["noise"][5:9])))
     start = ml.RigidState(jnp.zeros((20, 3)), drawn["attitude"])
-    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, drawn["noise"])
-    run = {"dt": 0.1, "steps": 40, "save_every": 10}
-    given = "JACOBI[BAOAB]", body_in("float64"), torque, start
+    run = {"dt": 0.1, "steps": 40, "save_every": 10, "bath": Langevin(KT, FRICTION, drawn["noise"])}
+    given = "JACOBI[BAOAB]", body_in("float64"), ml.torques.HeavyTop(1.5), start
     whole = ml.ensemble(*given, **run, chunk=8)
     done = ml.simulate(*given, **run, chunk=8, group=8, span=2, out=tmp_path / "run.zarr", progress=False)
     np.testing.assert_array_equal(done.states().momentum, whole.states.momentum)
-    other = given[0], given[1], ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(20)), start
+    other = run | {"bath": Langevin(KT, FRICTION, keys(20))}
     with pytest.raises(ValueError, match="key"):
-        ml.simulate(*other, **run, chunk=8, group=8, span=2, out=tmp_path / "run.zarr", progress=False, resume=True)
+        ml.simulate(*given, **other, chunk=8, group=8, span=2, out=tmp_path / "run.zarr", progress=False, resume=True)
 
 
 @cache
@@ -710,8 +745,9 @@ def spheres():
     return ensemble(
         "JACOBI[BAOAB]",
         body,
-        Langevin(KT, FRICTION, keys(count)),
+        None,
         start,
+        bath=Langevin(KT, FRICTION, keys(count)),
         dt=0.2,
         steps=20,
         save_every=1,
@@ -738,8 +774,9 @@ def test_under_strong_friction_the_axis_diffuses():
     path = ensemble(
         "SYMMETRIC[BAOAB]",
         ml.RigidBody(moment * jnp.ones(3)),
-        Langevin(KT, friction, keys(count)),
+        None,
         ml.RigidState(thermal, start.attitude),
+        bath=Langevin(KT, friction, keys(count)),
         dt=0.005,
         steps=steps,
         save_every=steps // 4,
@@ -763,7 +800,7 @@ def test_a_free_body_diffuses_faster_by_a_known_factor_at_long_steps(scheme, x):
     bath, body = Langevin(cold, 1.0, keys(MANY), 1.0), ml.FreeBody(ml.RigidBody(np.ones(3)), 1.0)
     every = int(np.ceil(20 / x))  # more than ten relaxation times
     run = {"dt": x, "steps": 4 * every, "save_every": every}
-    states = ensemble(f"SYMMETRIC[{scheme}]", body, bath, start, **run).states
+    states = ensemble(f"SYMMETRIC[{scheme}]", body, None, start, bath=bath, **run).states
     for way in (states.position, ml.so3.log(states.attitude)):
         gained = np.sum(np.asarray(way)[:, -1] ** 2 - np.asarray(way)[:, 1] ** 2, axis=-1) / (6 * cold * x * 3 * every)
         assert abs(gained.mean() - x / 2 / np.tanh(x / 2)) < 3 * gained.std() / np.sqrt(MANY)

@@ -25,6 +25,7 @@ from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.integrators.registry import entries
+from midlie_jax.model.baths.with_bath import without_bath
 from midlie_jax.model.torques.reads_body import ReadsBody
 
 STEPS = 66
@@ -64,7 +65,8 @@ class Case(NamedTuple):
         def axis(leaf: Any) -> int | None:
             return 0 if eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else None
 
-        return jax.tree.map(axis, self.torque(self.keys()))
+        torque, bath = without_bath(jax.tree.map(axis, self.torque(self.keys())))
+        return torque if bath is None else (torque, bath)
 
     def start(self, row: int) -> Any:
         return jax.tree.map(lambda x: x[row], self.starts(row + 1))
@@ -76,10 +78,10 @@ class Case(NamedTuple):
 
     def together(self, count: int, **options: Any) -> ml.Path:
         """One run of `ensemble`."""
-        torque = self.torque(self.keys(count))
+        torque, bath = without_bath(self.torque(self.keys(count)))
         given = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": None, "torque_axes": self.torque_axes, **options}
         start = given.pop("start", self.starts(count))
-        return ml.ensemble(self.scene.method, self.body, torque, start, **given)
+        return ml.ensemble(self.scene.method, self.body, torque, start, bath=bath, **given)
 
     @property
     def allowed(self) -> float:
@@ -87,7 +89,9 @@ class Case(NamedTuple):
 
 
 def integrate(method: str, body: Any, torque: Any, start: Any, **options: Any) -> ml.Path:
-    return ml.integrate(method, body, torque, start, **{"dt": DT, "t0": T0, "steps": STEPS, "save_every": 1, **options})
+    torque, bath = without_bath(torque)
+    run = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": 1, **options}
+    return ml.integrate(method, body, torque, start, bath=bath, **run)
 
 
 @cache
@@ -183,7 +187,8 @@ def stepped(case: Case, tmp_path: Any) -> Any:
 
     @eqx.filter_jit
     def run(start: Any, torque: Any, count: Any) -> Any:
-        one = ml.stepper(case.scene.method, case.body, torque, start, dt=DT, t0=T0)
+        torque, bath = without_bath(torque)
+        one = ml.stepper(case.scene.method, case.body, torque, start, dt=DT, t0=T0, bath=bath)
         by_scan = jax.lax.scan(lambda carry, _: (one.step(carry), None), one.init(), length=STEPS)[0]
         ends = by_scan, one.advance(one.init(), STEPS), one.advance(one.init(), count)
         return [(one.state(end), one.ok(end), one.time(end)) for end in ends]
@@ -235,7 +240,7 @@ def simulated(case: Case, tmp_path: Any) -> Any:
 
     def run(name: str, start: Any, steps: int, **cut: Any) -> ml.simulation.Simulation[Any]:
         given = {"dt": DT, "t0": T0, "steps": steps, "save_every": 22, "progress": False, "chunk": 2, **cut}
-        torque, given["torque_axes"] = case.torque(case.keys()), case.torque_axes
+        (torque, given["bath"]), given["torque_axes"] = without_bath(case.torque(case.keys())), case.torque_axes
         return ml.simulate(case.scene.method, case.body, torque, start, out=tmp_path / f"{name}.zarr", **given)
 
     one = run("one", case.starts(), STEPS).states()
@@ -335,7 +340,7 @@ ALL = [(name, path) for name, path in ALL if path != "LieSolver" or is_solvable(
 def test_every_public_kind_has_a_scene():
     """A new method is in the law by being registered; a new torque or state must be added to `path_scenes.py`."""
     torques = set().union(*(path_scenes.classes_in(scene.torque) for scene in SCENES.values() if not scene.random))
-    assert path_scenes.public_torques() - torques == path_scenes.HEAT
+    assert path_scenes.public_torques() - torques == set()
     assert {type(scene.start).__name__ for scene in SCENES.values()} == path_scenes.public_states()
     assert {*entries()} <= {scene.method for scene in SCENES.values()}
     assert {*ANCHORS} <= {*SCENES}
@@ -425,9 +430,9 @@ def ends_of(how: str, case: Case, start: Any, torque: Any, adjoint: Any) -> Any:
     options = {"steps": 24, "dt": 2 * DT}
     if how == "ensemble":
         many = jax.tree.map(lambda x: jnp.stack([x, x]), start)
-        path = ml.ensemble(
-            case.scene.method, case.body, torque, many, t0=T0, **options, adjoint=adjoint, torque_axes=None
-        )
+        torque, bath = without_bath(torque)
+        options |= {"t0": T0, "adjoint": adjoint, "torque_axes": None, "bath": bath}
+        path = ml.ensemble(case.scene.method, case.body, torque, many, **options)
         return jax.tree.map(lambda x: x[1], path.states)
     every = {"saved": 4, "end": None}[how]
     path = integrate(case.scene.method, case.body, torque, start, **options, save_every=every, adjoint=adjoint)

@@ -32,7 +32,7 @@ def test_explained_names_are_public():
     for page, begins in hooks.EXPLAINED.items():
         assert (DOCS / page).read_text().startswith("# ")
         assert [begin for begin in begins if not any(entry.startswith(begin) for entry in entries)] == []
-    assert "::: midlie_jax.torques.Langevin\n\nSee [Bodies in a heat bath](heat.md)." in TOPICS["api-torques.md"]
+    assert "::: midlie_jax.baths.Langevin\n\nSee [Bodies in a heat bath](heat.md)." in TOPICS["api-heat-baths.md"]
 
 
 def test_formulas_become_mathml():

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
+from midlie_jax.model.baths.with_bath import with_bath
 
 METHODS = [e.method.name for e in entries().values() if e.method.bodies is ml.spins.Spins and not e.method.random]
 # A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
@@ -118,7 +119,7 @@ def test_symmetric_methods_come_back(name, dtype):
 def test_a_step_of_length_zero_is_the_identity(name, labels):
     """To the bit, also of damped spins whose length is more than a hundred roundings from one."""
     torque, body = everything(periodic=(True, True)), ml.spins.Spins(0.2, sublattices=labels)
-    torque = torque + ml.spins.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else torque
+    torque = with_bath(torque, ml.spins.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else None)
     start = ml.spins.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
 
     @quick
@@ -262,8 +263,8 @@ def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails(dtype):
 
 def test_a_bath_too_hot_for_its_step_makes_a_run_fail():
     """D h = 2: the law of the stage holds up to 1."""
-    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(40.0, jax.random.key(1))
-    assert not go(torque, CHAIN, ml.spins.Spins(damping=1.0), "SUBLATTICES[BAOAB]").ok
+    field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(40.0, jax.random.key(1))
+    assert not go(field, CHAIN, ml.spins.Spins(damping=1.0), "SUBLATTICES[BAOAB]", bath).ok
 
 
 @pytest.mark.sample(0)
@@ -345,12 +346,13 @@ def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, nam
     )
     torque = torque + ml.spins.Anisotropy(0.3, EASY) + ml.spins.AppliedField(shaken)
     start = ml.spins.SpinState(jnp.asarray(random_spins(shape)))
+    run = {"dt": 0.1, "steps": 8, "save_every": 4}
     if name == "BAOAB":
-        torque = torque + ml.spins.ThermalField(0.4, jax.random.key(7))
+        run["bath"] = ml.spins.ThermalField(0.4, jax.random.key(7))
     ends = []
     for labels in (None, ml.spins.checkerboard(shape)):
         body = ml.spins.Spins(0.1, sublattices=labels)
-        ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, torque, start, dt=0.1, steps=8, save_every=4))
+        ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, torque, start, **run))
     assert ends[0].ok
     assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
     assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
@@ -434,8 +436,9 @@ def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
     """<cos> = coth x - 1/x with x = B/kT."""
     count, steps = 2000, 400
     start = ml.spins.SpinState(jnp.asarray(random_spins((count,))))
-    torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(1 / x, jax.random.key(5))
-    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.5), torque, start, dt=dt, steps=steps, save_every=20)
+    field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(1 / x, jax.random.key(5))
+    run = {"dt": dt, "steps": steps, "save_every": 20, "bath": bath}
+    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.5), field, start, **run)
     seen = np.asarray(path.states.spin[8:, :, 2])
     assert path.ok
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
@@ -450,11 +453,11 @@ def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
     cosine, angle = np.log(np.exp(-x) + 2 * np.sinh(x) * drawn[0]) / x, 2 * np.pi * drawn[1]
     sine = np.sqrt(1 - cosine**2)
     start = ml.spins.SpinState(np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1))
-    torque = ml.spins.AppliedField([0.0, 0.0, x]) + ml.spins.ThermalField(1.0, jax.random.key(5))
+    field, bath = ml.spins.AppliedField([0.0, 0.0, x]), ml.spins.ThermalField(1.0, jax.random.key(5))
 
     def spins(spin, **options):
         method, body, start = f"SUBLATTICES[{scheme}]", ml.spins.Spins(0.5), ml.spins.SpinState(spin)
-        return ml.integrate(method, body, torque, start, dt=0.05, **options).states.spin
+        return ml.integrate(method, body, field, start, dt=0.05, bath=bath, **options).states.spin
 
     end, one = spins(start.spin, steps=steps, save_every=None), start.spin
     for n in range(steps):
@@ -469,14 +472,14 @@ def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
 def test_coupled_spins_in_a_heat_bath_and_free_ones():
     """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
     x, count = 2.0, 1500
-    torque = ml.spins.Exchange(jnp.asarray([0.0, 1.0]), periodic=False)
-    torque = torque + ml.spins.ThermalField(1 / x, jax.random.key(2))
+    exchange = ml.spins.Exchange(jnp.asarray([0.0, 1.0]), periodic=False)
+    run = {"dt": 0.2, "steps": 400, "save_every": 40, "bath": ml.spins.ThermalField(1 / x, jax.random.key(2))}
     start = ml.spins.SpinState(jnp.asarray(random_spins((count, 2))))
-    path = ml.integrate("SUBLATTICES[OBABO]", ml.spins.Spins(0.4), torque, start, dt=0.2, steps=400, save_every=40)
+    path = ml.integrate("SUBLATTICES[OBABO]", ml.spins.Spins(0.4), exchange, start, **run)
     seen = np.sum(path.states.spin[5:, :, 0] * path.states.spin[5:, :, 1], axis=-1)
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
     bath = ml.spins.ThermalField(0.9, jax.random.key(3))
-    free = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.3), bath, start, dt=0.5, steps=4)
+    free = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.3), None, start, dt=0.5, steps=4, bath=bath)
     spread = 0.9 * 0.3 / (1 + 0.3**2)
     along = np.sum(np.asarray(free.states.spin) * np.asarray(start.spin), axis=-1).reshape(5, -1)
     assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
@@ -485,8 +488,8 @@ def test_coupled_spins_in_a_heat_bath_and_free_ones():
 @pytest.mark.sample(0)
 def test_a_heat_bath_in_float32():
     start = ml.spins.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
-    torque = ml.spins.Exchange(1.0) + ml.spins.ThermalField(0.5, jax.random.key(1))
-    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.1), torque, start, dt=0.1, steps=4)
+    bath = ml.spins.ThermalField(0.5, jax.random.key(1))
+    path = go(ml.spins.Exchange(1.0), start, ml.spins.Spins(0.1), "SUBLATTICES[BAOAB]", bath)
     assert path.ok
     assert path.states.spin.dtype == jnp.float32
 
@@ -499,6 +502,7 @@ def test_a_method_has_a_name_or_two():
 
 
 NEAR = ml.spins.Exchange(1.0)
+HEAT = ml.spins.ThermalField(1.0, jax.random.key(0))
 CHAIN = ml.spins.SpinState(jnp.asarray(random_spins((6,))))
 TWO = {"dt": 0.1, "steps": 2}
 REFUSED = {
@@ -540,12 +544,16 @@ REFUSED = {
     "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "uses gradients of forces"),
     "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
     "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
-    "bath": (lambda: go(NEAR + ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
+    "bath": (lambda: go(NEAR, CHAIN, bath=HEAT), "must have a stage for the bath"),
     "which bath": (
-        lambda: go(NEAR + ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN, name="spherical midpoint"),
-        r"heat bath, ThermalField.*no stage for it.*such as SUBLATTICES\[BAOAB\]\.",
+        lambda: go(NEAR, CHAIN, name="spherical midpoint", bath=HEAT),
+        r"a stage for the bath, a ThermalField.*such as SUBLATTICES\[BAOAB\]\.",
     ),
-    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.spins.ThermalField\(kT, key\)"),
+    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"bath=midlie_jax.spins.ThermalField\(kT, key\)"),
+    "bath of bodies": (
+        lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]", bath=ml.baths.Langevin(1.0, 1.0, HEAT.key)),
+        "Langevin acts on rigid bodies and rotors, not on a SpinState",
+    ),
     **{
         f"shape of {name}": (lambda body=body, torque=torque: go(torque, CHAIN, body), message)
         for name, body, torque, message in (
@@ -576,15 +584,16 @@ REFUSED = {
         r"vectors must be \(1, 3\)",
     ),
     "undamped bath": (
-        lambda: go(ml.spins.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
+        lambda: go(None, CHAIN, name="SUBLATTICES[BAOAB]", bath=HEAT),
         "needs a damping",
     ),
     "undamped baths": (
         lambda: ml.ensemble(
             "SUBLATTICES[BAOAB]",
             ml.spins.Spins(),
-            NEAR + ml.spins.ThermalField(1.0, jax.random.split(jax.random.key(0), 2)),
+            NEAR,
             ml.spins.SpinState(jnp.asarray(random_spins((2, 6)))),
+            bath=ml.spins.ThermalField(1.0, jax.random.split(jax.random.key(0), 2)),
             dt=0.1,
             steps=2,
         ),
@@ -668,8 +677,8 @@ def test_a_field_of_ones_own_that_reads_neighbours_acts_as_the_same_function_doe
         assert np.abs(found.states.spin - true.states.spin).max() < 1e-14
 
 
-def go(torque, start, body=None, name="SUBLATTICES[EA]"):
-    return ml.integrate(name, body or ml.spins.Spins(), torque, start, dt=0.1, steps=2)
+def go(torque, start, body=None, name="SUBLATTICES[EA]", bath=None):
+    return ml.integrate(name, body or ml.spins.Spins(), torque, start, dt=0.1, steps=2, bath=bath)
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -195,12 +195,22 @@ def test_failures_are_seen():
 
 
 def test_blocks_from_carries_have_the_bits_and_the_noise_of_one_run():
-    warm = ml.torques.Langevin(0.7, 1.3, jax.random.key(0)) + top()
+    warm = {"bath": ml.baths.Langevin(0.7, 1.3, jax.random.key(0))}
     run = {"dt": DT, "steps": 2 * STEPS, "save_every": 2 * STEPS}
-    expected = ml.integrate("JACOBI[BAOAB]", BODY, warm, START, **run)
-    block = whole("JACOBI[BAOAB]", warm)
-    block = whole("JACOBI[BAOAB]", warm, block.carry)
+    expected = ml.integrate("JACOBI[BAOAB]", BODY, top(), START, **run, **warm)
+    block = whole("JACOBI[BAOAB]", top(), **warm)
+    block = whole("JACOBI[BAOAB]", top(), block.carry, **warm)
     near(block.states, jax.tree.map(lambda x: x[-1], expected.states), 1e-13)
+
+
+def test_a_step_under_another_torque_stays_in_the_bath():
+    bath = ml.baths.Langevin(0.7, 1.3, jax.random.key(0))
+    one = ml.stepper("JACOBI[BAOAB]", BODY, top(), START, dt=DT, bath=bath)
+    other = ml.torques.HeavyTop(3.0 * one.torque.mgl)
+    found = one.state(one.step(one.init(), torque=other))
+    expected = ml.integrate("JACOBI[BAOAB]", BODY, other, START, dt=DT, steps=1, save_every=None, bath=bath)
+    near(found, expected.states, 1e-13)
+    assert not np.allclose(found.momentum, one.state(one.step(one.init())).momentum)
 
 
 @pytest.mark.parametrize("save_every", [1, None])

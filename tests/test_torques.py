@@ -230,7 +230,6 @@ OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain for
     "PDControl": (ml.spacecraft.PDControl(UP, 2.0, 0.5), TURNING, TURNED),
     "EddyCurrents": (ml.spacecraft.EddyCurrents(0.5, HERE), TURNING, TURNED),
     "GravityGradient": (ml.spacecraft.GravityGradient(None, lambda t: THERE + 0 * t, 3.0), TURNING, TURNED),
-    "Langevin": (torques.Langevin(1.0, 0.5, jax.random.key(0)), TURNING, TURNED),
     "PointMass": (torques.PointMass(3.0), TRAVELLING, TRAVELS),
     "Oblateness": (torques.Oblateness(3.0, 2.0, 0.1), TRAVELLING, TRAVELS),
     "Oblateness without gradient": (torques.Oblateness(3.0, 2.0, 0.1, gradient=False), TRAVELLING, TRAVELS),
@@ -246,7 +245,6 @@ OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain for
     "Anisotropy": (ml.spins.Anisotropy(0.3), ml.spins.Spins(), SPINS),
     "Anisotropy about an axis": (ml.spins.Anisotropy(0.3, [0, 0.6, 0.8]), ml.spins.Spins(), SPINS),
     "CubicAnisotropy": (ml.spins.CubicAnisotropy(0.2), ml.spins.Spins(), SPINS),
-    "ThermalField": (ml.spins.ThermalField(0.2, jax.random.key(0)), ml.spins.Spins(0.1), SPINS),
 }
 WITHOUT_NUMBERS = {  # made of functions, of torques or of vectors alone, and base classes
     *("BodyTorque", "FromPotential", "Prescribed", "ReactionWheels", "VelocityDependent", "OnEach", "Sum"),

@@ -188,13 +188,11 @@ TORQUES = {
         pair,
         WRENCH,
     ),
-    "Langevin": on(lambda u: torques.Langevin(u(1.0, ENERGY), u(0.5, FRICTION), jax.random.key(0)), alone, TORQUE),
     "AppliedField": on(lambda u: ml.spins.AppliedField(u(VECTOR, FIELD)), chain, FIELD),
     "Exchange": on(lambda u: ml.spins.Exchange(u(1.5, FIELD)), chain, FIELD),
     "DzyaloshinskiiMoriya": on(lambda u: ml.spins.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain, FIELD),
     "Anisotropy": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD), u(UNIT)), chain, FIELD),
     "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain, FIELD),
-    "ThermalField": on(lambda u: ml.spins.ThermalField(u(1.0, FIELD), jax.random.key(0)), chain, FIELD),
     "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
 }
 # Made of functions alone, whose numbers are the user's, and base classes.

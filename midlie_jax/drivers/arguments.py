@@ -25,10 +25,12 @@ from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
 from ..integrators.base import Method
 from ..integrators.registry import method as find_method
+from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import without_bath
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
 from ..model.orbits.base import orbits_in
-from ..model.torques import Torque, baths_in, without_bath
+from ..model.torques import Torque
 from ..model.torques.by_step import check_steps
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
@@ -81,12 +83,13 @@ def _fitted(method: Method, body: Any) -> Method:
 
 
 def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: int, bath: str | None) -> None:
+    torque, heat = without_bath(torque)
     check_state("start", start)
     check_body(body, start)
     check_moves(method, body, start)
     check_torque(torque)
-    check_bath(method, torque, bath)
-    for heat in baths_in(torque):
+    check_bath(method, heat, bath)
+    if heat is not None:
         heat.check_kind(start, body) if batch else heat.check_on(start, body)
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
@@ -94,7 +97,7 @@ def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: 
             raise ValueError(
                 f"all of start must have one dtype, got {leaf.dtype} and {start.momentum.dtype}; cast one of them."
             )
-    same_dtype("start.momentum", start.momentum, body=body, torque=torque)
+    same_dtype("start.momentum", start.momentum, body=body, torque=torque, bath=heat)
 
 
 def check_moves(method: Method, body: Any, start: Any) -> None:
@@ -111,28 +114,23 @@ def check_moves(method: Method, body: Any, start: Any) -> None:
         )
 
 
-def check_bath(method: Method | None, torque: Any, refused: str | None = None) -> None:
-    """Raises if the torque has a heat bath and the method has no stage for it, or the reverse.
+def check_bath(method: Method, bath: HeatBath | None, refused: str | None = None) -> None:
+    """Raises if there is a heat bath and the method has no stage for it, or the reverse.
 
     Args:
-        method: None for a method from outside this package.
         refused: the reason why no heat bath is possible here, or None.
     """
-    _, bath = without_bath(torque)
-    random = method is not None and method.random
-    if refused is not None and (bath is not None or random):
-        raise ValueError(f"{refused}; leave out Langevin, and take a scheme without a bath, such as EA.")
-    if method is None:
-        return
-    if bath is not None and not random:
+    if refused is not None and method.random:
+        raise ValueError(f"{refused}; take a scheme without a bath, such as EA, not {method.name!r}.")
+    if bath is not None and not method.random:
         raise ValueError(
-            f"the torque has a heat bath, {type(bath).__name__}, but method {method.name!r} has no stage for it; take "
-            f"a scheme with one, such as {bath.methods}."
+            f"method must have a stage for the bath, a {type(bath).__name__}, got {method.name!r}; take a scheme with "
+            f"one, such as {bath.methods}."
         )
-    if bath is None and random:
+    if bath is None and method.random:
         raise ValueError(
-            f"method {method.name!r} has a stage for a heat bath, but the torque has none; add "
-            f"{method.bodies.bath}, or take a scheme without the stage, such as EA."
+            f"method {method.name!r} has a stage for a heat bath, but bath is None; pass bath={method.bodies.bath}, or "
+            "take a scheme without the stage, such as EA."
         )
 
 

@@ -13,11 +13,13 @@ from .._xla.internals import bodies_at_once
 from .._xla.mesh import row_of
 from .._xla.structure import once
 from ..integrators.base import Method
+from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
-from ..model.torques import Langevin, TorqueLike, baths_in
+from ..model.torques import TorqueLike
 from ..model.torques.by_step import is_by_step
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
@@ -47,6 +49,7 @@ def ensemble(
     chunk: int | None = ...,
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
+    bath: HeatBath | None = ...,
     observe: Any,
 ) -> Path[Any]: ...
 @overload
@@ -65,6 +68,7 @@ def ensemble(
     chunk: int | None = ...,
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
+    bath: HeatBath | None = ...,
 ) -> Path[StateT]: ...
 @overload
 def ensemble(
@@ -82,6 +86,7 @@ def ensemble(
     chunk: int | None = ...,
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
+    bath: HeatBath | None = ...,
 ) -> Path[Any]: ...
 def ensemble(
     method: Method | str,
@@ -99,6 +104,7 @@ def ensemble(
     adjoint: Adjoint | None = None,
     mesh: Mesh | None = None,
     observe: Any = None,
+    bath: HeatBath | None = None,
 ) -> Path[StateT]:
     """Integrates n bodies; each result agrees with `integrate` up to a few units in the last place.
 
@@ -129,6 +135,8 @@ def ensemble(
             observable of `midlie_jax.observe`, or a dict of these. A statistic combines observables over all bodies
             with trustworthy values at a time, such as `midlie_jax.observe.Mean(f)`, or over bodies and times, such as
             `midlie_jax.observe.Spectrum(f, 1000)`. A statistic needs one `dt` and `t0` for all bodies.
+        bath: as for `integrate`, with one key per body, `jax.random.split(key, n)`. Its other parameters may have rows
+            too. `torque_axes` names them `"bath.kT"` and so on; a tree of axes becomes a pair, for torque and bath.
 
     Returns:
         The path, with `ok` and `first_bad` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,),
@@ -150,6 +158,7 @@ def ensemble(
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)
     save_every = as_saving(save_every, steps)
+    torque = with_bath(torque, bath)
     state, first, carried = carried_on(start, first_step)
     first = as_first_step(first, steps)
     batch = as_batch(method, body, torque, state, dt, t0, torque_axes)
@@ -246,21 +255,19 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         dt.ndim == 1,
         t0.ndim == 1,
     )
-    if isinstance(torque_axes, str) and torque_axes == AUTO and any(not bath.key for bath in baths_in(rows[1])):
-        for bath in baths_in(torque):
-            _check_bath_of_one(bath, body, start, own_body, count)
-        several, kind = max((bath.key.shape, type(bath).__name__) for bath in baths_in(torque))
-        keys, same = ("one key", ", which would all get the same noise") if several == () else (f"keys {several}", "")
+    _, bath = without_bath(torque)
+    if bath is not None and isinstance(torque_axes, str) and torque_axes == AUTO and not rows[1].bath.key:
+        _check_bath_of_one(bath, body, start, own_body, count)
+        same = ", which would all get the same noise" if bath.key.shape == () else ""
         raise ValueError(
-            f"{kind} has {keys} for {count} bodies{same}; give it one for each, "
-            f"jax.random.split(key, {count}). If all are to have the noise of one key, say so by torque_axes, which "
-            "names the parameters that have rows, or is None."
+            f"bath.key must have one key for each of {count} bodies, got {bath.key.shape or 'one key'}{same}; pass "
+            f"jax.random.split(key, {count}), or name the parameters with rows in torque_axes to share the noise."
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return jax.tree.leaves(rows)
 
 
-def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, count: int) -> None:
+def _check_bath_of_one(bath: HeatBath, body: Any, start: Any, own_body: bool, count: int) -> None:
     """Raises the error of a bath that has a key per body but cannot be read as one bath per body."""
     if bath.key.shape == (count,):
         one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)

@@ -15,6 +15,8 @@ from .._xla.mesh import all_promoted, axes_of_run
 from .._xla.platform import on_cpu
 from ..integrators.base import Method, Progress
 from ..integrators.verdict import UNSTABLE, at_start, earlier
+from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
@@ -46,6 +48,7 @@ def integrate(
     t0: float | Array = ...,
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
+    bath: HeatBath | None = ...,
     observe: Any,
 ) -> Path[Any]: ...
 @overload
@@ -61,6 +64,7 @@ def integrate(
     t0: float | Array = ...,
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
+    bath: HeatBath | None = ...,
 ) -> Path[StateT]: ...
 @overload
 def integrate(
@@ -75,6 +79,7 @@ def integrate(
     t0: float | Array = ...,
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
+    bath: HeatBath | None = ...,
 ) -> Path[Any]: ...
 def integrate(
     method: Method | str,
@@ -89,6 +94,7 @@ def integrate(
     first_step: int | Array = 0,
     adjoint: Adjoint | None = None,
     observe: Any = None,
+    bath: HeatBath | None = None,
 ) -> Path[StateT]:
     """Integrates one body with a constant step; supports `jax.vmap` over bodies, torques, states and steps.
 
@@ -122,6 +128,7 @@ def integrate(
         observe: what the path holds instead of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
             `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
+        bath: a heat bath, such as `midlie_jax.baths.Langevin(kT, friction, key)`, for methods with a bath stage.
 
     Returns:
         The path. A failed solve, NaN or infinity sets `path.ok` to False and never raises an exception.
@@ -144,6 +151,7 @@ def integrate(
     save_every = as_saving(save_every, steps)
     if isinstance(observe, Series):
         observe.check(save_every and 1 + steps // save_every)
+    torque = with_bath(torque, bath)
     state, first, carried = carried_on(start, first_step)
     first = as_first_step(first, steps)
     method = check_system(as_method(method), body, torque, state)

@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..model.baths.with_bath import WithBath
 from ..model.free_body import Momenta
 from ..model.state import AnyState
 from ..model.torques import on_body
@@ -30,6 +31,9 @@ _KEPT = 64  # decisions remembered
 def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any], count: int) -> None:
     """Raises unless every marked array has `count` rows; `rows` holds a tree of boolean marks for each value."""
     for name, value, marked in zip(names, values, rows, strict=True):
+        if isinstance(value, WithBath):
+            count_rows((name, "bath"), (value.torque, value.bath), (marked.torque, marked.bath), count)
+            continue
         leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(value, marked))
         for path, leaf in leaves:
             shape = jnp.shape(leaf)
@@ -83,8 +87,7 @@ class _Shapes(NamedTuple):
     @property
     def names(self) -> list[str]:
         """The name of each leaf, as in `torque_axes`."""
-        paths = jax.tree_util.tree_leaves_with_path(self.structure.unflatten(self.leaves))
-        return [_name(path) for path, _ in paths]
+        return [name for name, _ in _named_leaves(self.structure.unflatten(self.leaves))]
 
     def listed(self, chosen: Sequence[int]) -> str:
         """For messages: the names and shapes of these leaves."""
@@ -191,14 +194,19 @@ def _ambiguous(torque: _Shapes, found: list[tuple[int, ...]], count: int) -> str
     )
 
 
-def _name(path: Any) -> str:
-    return jax.tree_util.keystr(path).removeprefix(".")
+def _named_leaves(torque: Any) -> list[tuple[str, Any]]:
+    """The leaves of a torque by name; the names of a bath begin with `bath.`."""
+    own = ".torque" if isinstance(torque, WithBath) else ""
+    leaves = jax.tree_util.tree_leaves_with_path(torque)
+    return [(jax.tree_util.keystr(path).removeprefix(own).removeprefix("."), leaf) for path, leaf in leaves]
 
 
 def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
     names = [axes] if isinstance(axes, str) else axes
     if isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names):
         return _named(torque, names)
+    if isinstance(torque, WithBath) and isinstance(axes, tuple) and len(axes) == 2:
+        axes = WithBath(*axes)
     if any(isinstance(axis, bool) or axis != 0 for axis in jax.tree.leaves(axes)):
         raise ValueError(f"{RULE}; got {axes!r}.")
 
@@ -213,11 +221,7 @@ def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
 
 
 def _named(torque: Any, names: Sequence[str]) -> tuple[int, ...]:
-    known = {
-        _name(path): i
-        for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(torque))
-        if eqx.is_array(leaf)
-    }
+    known = {name: i for i, (name, leaf) in enumerate(_named_leaves(torque)) if eqx.is_array(leaf)}
     for name in names:
         if name not in known:
             raise ValueError(

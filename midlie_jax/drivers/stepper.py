@@ -17,6 +17,8 @@ from .._xla.mesh import NONE, Axes
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..integrators.verdict import at_start
+from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
@@ -193,7 +195,7 @@ class Stepper:
     @property
     def torque(self) -> Any:
         """The torque of all steps that do not name another."""
-        return self._parts[2]
+        return without_bath(self._parts[2])[0]
 
     def init(self, start: AnyState | None = None, first_step: Any = 0) -> Carry:
         """The carry before the first step.
@@ -285,10 +287,11 @@ class Stepper:
         return structure.unflatten(eqx.combine(self._arrays, list(others)))
 
     def _system_under(self, torque: Any, body: Any, own_body: Any, own_torque: Any, like: AnyState) -> System:
+        own_torque, bath = without_bath(own_torque)
         torque, body = own_torque if torque is None else torque, own_body if body is None else body
         _check_alike("torque", torque, own_torque)
         _check_alike("body", body, own_body)
-        return self.method.system(body, torque, like, self.t0, self.dt)
+        return self.method.system(body, with_bath(torque, bath), like, self.t0, self.dt)
 
 
 def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
@@ -321,7 +324,14 @@ def check_carried(carried: Progress, system: System, method: Method) -> None:
 
 
 def stepper(
-    method: Method | str, body: Body, torque: TorqueLike | None, start: AnyState, *, dt: Any, t0: Any = 0.0
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: AnyState,
+    *,
+    dt: Any,
+    t0: Any = 0.0,
+    bath: HeatBath | None = None,
 ) -> Stepper:
     """The steps of a method as pure functions, for custom loops: control, learning, bodies that change.
 
@@ -330,6 +340,7 @@ def stepper(
         start: the initial state, which sets the class, shape and dtype of the run.
         dt: step, (), may be negative.
         t0: time of step 0, ().
+        bath: as for `midlie_jax.integrate`.
 
     Returns:
         A `Stepper`.
@@ -346,6 +357,7 @@ def stepper(
         >>> round(float(top.time(carry)), 6), bool(top.ok(carry)), top.state(carry).momentum.shape
         (1.0, True, (3,))
     """
+    torque = with_bath(torque, bath)
     method = check_system(as_method(method), body, torque, start)
     h, t0 = (as_scalar(name, x, start.momentum.dtype) for name, x in (("dt", dt), ("t0", t0)))
     check_step(method, h)

@@ -72,7 +72,7 @@ class Method(eqx.Module):
 
     @property
     def random(self) -> bool:
-        """Whether a step has a bath stage, and so needs a `midlie_jax.torques.Langevin`."""
+        """Whether a step has a bath stage, and so needs a `midlie_jax.baths.Langevin`."""
         return False
 
     @property

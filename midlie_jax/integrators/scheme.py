@@ -22,7 +22,7 @@ class Scheme:
             the weak order, the order of averages, which is at most 2 (`measured_weak_order`).
         stages: pairs (KICK | FLIGHT | BATH, coefficient), in the order in which they act. The coefficients of each kind
             sum to 1. In a bath stage, friction and noise act on the momenta, and poses are unchanged
-            (`midlie_jax.torques.Langevin`).
+            (`midlie_jax.baths.Langevin`).
         source: the publication of the table.
         use: when to use the scheme, for `midlie_jax.schemes.names()`.
         leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.

@@ -307,7 +307,7 @@ ABA1064 = _alternating(
     use="fast tops in weak fields, high accuracy",
     leading=True,
 )
-# With a heat bath, `midlie_jax.torques.Langevin`. A is the flight, B the kick, O the bath (Ornstein and Uhlenbeck).
+# With a heat bath, `midlie_jax.baths.Langevin`. A is the flight, B the kick, O the bath (Ornstein and Uhlenbeck).
 _LEIMKUHLER = "Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34"
 BAOAB = own_scheme(
     "BAOAB",

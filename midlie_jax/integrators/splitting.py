@@ -11,10 +11,11 @@ from .._math import components as cp
 from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept
 from .._xla.platform import on_cpu
+from ..model.baths.langevin import Langevin
+from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.kind import Kind
 from ..model.state import AnyState
-from ..model.torques import without_bath
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
@@ -101,7 +102,7 @@ class Splitting(Method):
         if not self.random:
             return super().system(body, torque, start, t, h)
         rest, bath = without_bath(torque)
-        assert bath is not None
+        assert isinstance(bath, Langevin)
         bath.check_on(start, body)
         coefficients = {b for kind, b in self.scheme.stages if kind == BATH}
         count = start.momentum.shape[-2] if start.several else 0

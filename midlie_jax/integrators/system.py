@@ -11,8 +11,8 @@ from jax import Array
 from .._math import components as cp
 from .._xla.fusion import fuse_derivative, split
 from .._xla.replay import Traits, traits
-from ..model.bath import Bath
 from ..model.bodies import Body
+from ..model.exposure import PreparedBath
 from ..model.free_body import Momenta, Place
 from ..model.kind import Kind
 from ..model.state import AnyState, P, Q
@@ -61,7 +61,7 @@ class System(NamedTuple):
     costly: bool
     long: bool
     frame: Any = None
-    bath: Bath | None = None
+    bath: PreparedBath | None = None
     by_step: bool = False
 
     @classmethod

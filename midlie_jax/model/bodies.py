@@ -78,7 +78,7 @@ class Body(eqx.Module):
     """
 
     namespace: ClassVar[str] = "midlie_jax"
-    bath: ClassVar[str] = "midlie_jax.torques.Langevin(kT, friction, key)"
+    bath: ClassVar[str] = "midlie_jax.baths.Langevin(kT, friction, key)"
 
     @abstractmethod
     def inertia(self) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 
 from .._checks.arguments import described, other_arguments
+from .baths.base import HeatBath
 from .bodies import principal_of
 from .free_body import FreeBody
 from .state import AnyState, State
@@ -52,7 +53,8 @@ def body_named(body: Any) -> str:
 def check_torque(torque: Any) -> None:
     """Raises unless the torque, or each term of a sum, is None or callable with a time and a state."""
     if torque is not None and not callable(torque):
-        raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
+        cure = " Pass a heat bath as bath=." if isinstance(torque, HeatBath) else ""
+        raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.{cure}")
     for term in terms_of(torque):
         arguments = other_arguments(term, 2)
         if arguments is None:

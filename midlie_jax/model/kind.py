@@ -12,7 +12,7 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla.replay import Packed, Traits, by_components
-from .bath import InBody
+from .exposure import InBody
 from .free_body import Momenta, Place
 from .leaf import Leaf
 from .wrench import Wrench

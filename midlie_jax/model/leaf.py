@@ -121,7 +121,7 @@ class Leaf:
         """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
 
         Args:
-            exposure, root: from a `Bath` (`model/bath.py`).
+            exposure, root: from `PreparedBath` (`model/exposure.py`).
             momentum, pose, noise: components.
         """
         del exposure, root, momentum, pose, noise

@@ -79,7 +79,7 @@ class Each(Distribution):
 
 
 class Key(Distribution):
-    """A random key for each body, such as the `key` of `midlie_jax.torques.Langevin`.
+    """A random key for each body, such as the `key` of `midlie_jax.baths.Langevin`.
 
     Examples:
         >>> drawn = ml.scatter(jax.random.key(0), 100, bath=ml.distributions.Key())

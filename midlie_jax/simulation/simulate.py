@@ -21,6 +21,8 @@ from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, carried_on
 from ..integrators.base import Method
+from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
@@ -58,6 +60,7 @@ def simulate(
     chunk: int | None = None,
     progress: bool | Callable[[int], Any] | None = None,
     attributes: dict[str, Any] | None = None,
+    bath: HeatBath | None = None,
 ) -> Simulation[StateT]:
     """Integrates n bodies like `ensemble`, in parts that fit memory, and writes the path to a file during the run.
 
@@ -71,9 +74,9 @@ def simulate(
     share of the groups, on its own devices; `out` must be a folder that all processes can access.
 
     Args:
-        method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe: as for `ensemble`; `start` has a
-            leading axis (n,). To continue another run with the same bits, pass its carry (`Simulation.carry`). To
-            continue up to rounding, pass its last states (`Simulation.states`), with its number of steps as
+        method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe, bath: as for `ensemble`; `start`
+            has a leading axis (n,). To continue another run with the same bits, pass its carry (`Simulation.carry`).
+            To continue up to rounding, pass its last states (`Simulation.states`), with its number of steps as
             `first_step`.
         out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
             .npz, for a small run that is held in memory, is written at its end, and cannot be resumed.
@@ -114,6 +117,7 @@ def simulate(
         ((4, 11, 4), True)
     """
     began = time.perf_counter()
+    torque = with_bath(torque, bath)
     require_numbers("simulate", body, torque, start, dt, t0, first_step, observe)
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps) or steps

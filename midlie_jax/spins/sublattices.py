@@ -22,9 +22,10 @@ from .._xla.structure import once_for_numbers
 from ..integrators.base import Method
 from ..integrators.scheme import Scheme
 from ..integrators.system import AnyMotion, Motion, System
+from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
-from ..model.torques import kept_terms, on_body, terms_of, without_bath
+from ..model.torques import kept_terms, on_body, terms_of
 from ..model.torques.by_step import is_by_step
 from .body import Spins, checkerboard
 from .checkered import Checkered, can_be_checkered, checkered_kind

@@ -10,17 +10,17 @@ from jax import Array
 
 from .._math import components as cp
 from .._math.normals import normals
-from ..model.bath import root_of
-from ..model.state import AnyState, Time
-from ..model.torques.bath import Langevin
+from ..model.baths.base import HeatBath
+from ..model.exposure import root_of
+from ..model.state import AnyState
 from .body import Spins
 from .turns import turned
 
 
-class ThermalField(Langevin):
+class ThermalField(HeatBath):
     """The heat bath of damped spins: a random field whose strength follows from temperature and damping.
 
-    A term of a sum of torques, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
+    The argument `bath` of a run, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
     acts in the flights. The stage rotates each spin about a random axis, as Brownian motion on the sphere with the
     diffusion constant D = kT g alpha: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
     exp(-H/kT) is approached with an error of second order in the step (weak order 2). D h of a stage, for its part of
@@ -39,20 +39,14 @@ class ThermalField(Langevin):
 
     Examples:
         >>> up = ml.spins.SpinState(jnp.tile(jnp.array([0.0, 0.0, 1.0]), (100, 1)))
-        >>> torque = ml.spins.AppliedField([0.0, 0.0, 1.0]) + ml.spins.ThermalField(0.7, jax.random.key(0))
-        >>> path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(damping=0.5), torque, up, dt=0.1, steps=20)
+        >>> field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(0.7, jax.random.key(0))
+        >>> damped = ml.spins.Spins(damping=0.5)
+        >>> path = ml.integrate("SUBLATTICES[BAOAB]", damped, field, up, dt=0.1, steps=20, bath=bath)
         >>> path.states.spin.shape, bool(path.ok)
         ((21, 100, 3), True)
     """
 
     methods: ClassVar[str] = "SUBLATTICES[BAOAB]"
-
-    def __init__(self, kT: Any, key: Any):
-        super().__init__(kT, 0.0, key)  # the friction is the damping of the spins
-
-    def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        self.check_numbers()
-        return jnp.zeros_like(state.momentum)
 
     def check_kind(self, state: AnyState, body: Any) -> None:
         if not isinstance(body, Spins):

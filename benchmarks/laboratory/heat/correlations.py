@@ -51,9 +51,9 @@ def _measured(
 
     def run(begin: ml.RigidState, keys: Any) -> Any:
         body = ml.RigidBody(jnp.ones(3, jnp.float32))
-        bath = ml.torques.Langevin(jnp.float32(1), jnp.float32(friction), keys)
+        bath = ml.baths.Langevin(jnp.float32(1), jnp.float32(friction), keys)
         options: Any = {"dt": jnp.float32(dt), "steps": SAVED * every, "save_every": every, "observe": observe}
-        return ml.ensemble(METHOD, body, bath, begin, **options).states
+        return ml.ensemble(METHOD, body, None, begin, bath=bath, **options).states
 
     keys = jax.random.split(jax.random.key(seed), BODIES)
     vectors = np.asarray(jax.jit(run, compiler_options=compiler_options(BODIES))(_start(seed + 1), keys), np.float64)

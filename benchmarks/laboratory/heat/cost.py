@@ -36,12 +36,12 @@ def _states(kind: str, dtype: Any) -> tuple[Any, Any]:
 
 def _run(kind: str, flight: str, scheme: str, dtype: Any) -> Compiled:
     body, start = _states(kind, dtype)
-    torque: Any = ml.torques.HeavyTop(jnp.asarray(-2.0, dtype))
+    torque = ml.torques.HeavyTop(jnp.asarray(-2.0, dtype))
+    options: Any = {"dt": jnp.asarray(0.1, dtype), "steps": _STEPS}
     if scheme != "EA":
         linear = jnp.asarray(1.0, dtype) if kind == "FreeState" else None
         keys = jax.random.split(jax.random.key(1), BODIES)
-        torque = torque + ml.torques.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(1.0, dtype), keys, linear)
-    options: Any = {"dt": jnp.asarray(0.1, dtype), "steps": _STEPS}
+        options["bath"] = ml.baths.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(1.0, dtype), keys, linear)
 
     def run(start: Any) -> Any:
         return ml.ensemble(f"{flight}[{scheme}]", body, torque, start, **options)

@@ -40,7 +40,7 @@ def squares(scheme: str, x: float) -> tuple[np.ndarray, float]:
     momenta = jax.random.normal(jax.random.key(0), (2, BODIES, 3)) * math.sqrt(KT)
     start = ml.FreeState(momenta[0], jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (BODIES, 1)), momenta[1], zero)
     body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), mass=1.0)
-    bath = ml.torques.Langevin(KT, 1.0, jax.random.split(jax.random.key(1), BODIES), 1.0)
+    bath = ml.baths.Langevin(KT, 1.0, jax.random.split(jax.random.key(1), BODIES), 1.0)
 
     def observed(t: Any, state: ml.FreeState) -> Any:
         del t
@@ -48,7 +48,7 @@ def squares(scheme: str, x: float) -> tuple[np.ndarray, float]:
 
     every = max(1, math.ceil(_TIME / x / _PARTS))
     run: Any = {"dt": x, "steps": every * _PARTS, "save_every": every, "observe": observed}
-    seen = np.asarray(ml.ensemble(f"SYMMETRIC[{scheme}]", body, bath, start, **run).states)
+    seen = np.asarray(ml.ensemble(f"SYMMETRIC[{scheme}]", body, None, start, bath=bath, **run).states)
     return seen[:, -1] - seen[:, 1], 6 * KT * x * every * (_PARTS - 1)
 
 

@@ -92,10 +92,10 @@ def of_parts(momentum: Any, attitude: Any) -> tuple[Array, Array]:
 
 
 def scene(x: Any, keys: Array, dtype: Any) -> tuple[ml.RigidBody, Any]:
-    """The body, and the torque of the field and the bath."""
+    """The body, the torque of the field, and the bath."""
     field = ml.torques.HeavyTop(jnp.asarray(-x, dtype))
-    bath = ml.torques.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(FRICTION * rate(x), dtype), keys)
-    return ml.RigidBody(jnp.asarray(MOMENTS, dtype)), field + bath
+    bath = ml.baths.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(FRICTION * rate(x), dtype), keys)
+    return ml.RigidBody(jnp.asarray(MOMENTS, dtype)), field, bath
 
 
 Run = Callable[[Array, Any, Any], Array]  # from a key, the field and the step to the means of `observed`, (k, 2)
@@ -107,10 +107,10 @@ def ours(method: str, share: float, dtype: Any = jnp.float32) -> Run:
 
     def run(key: Array, x: Array, h: Array) -> Array:
         a, b = jax.random.split(key)
-        body, torque = scene(x, jax.random.split(b, BODIES), dtype)
+        body, torque, bath = scene(x, jax.random.split(b, BODIES), dtype)
         mean = ml.observe.Mean(observed)
         options: Any = {"dt": h, "steps": plan.steps, "save_every": plan.every, "observe": mean}
-        path = ml.ensemble(method, body, torque, thermal(a, x, dtype), **options)
+        path = ml.ensemble(method, body, torque, thermal(a, x, dtype), bath=bath, **options)
         return path.states.mean[1 + plan.skipped // plan.every :]
 
     return jax.jit(run, compiler_options=compiler_options(BODIES))
@@ -119,10 +119,10 @@ def ours(method: str, share: float, dtype: Any = jnp.float32) -> Run:
 def timed(method: str, x: float, h: float, steps: int, dtype: Any = jnp.float32) -> Compiled:
     """A run of this many steps without observations, compiled."""
     key = jax.random.key(0)
-    body, torque = scene(x, jax.random.split(key, BODIES), dtype)
+    body, torque, bath = scene(x, jax.random.split(key, BODIES), dtype)
 
     def run(start: ml.RigidState) -> Any:
-        return ml.ensemble(method, body, torque, start, dt=jnp.asarray(h, dtype), steps=steps)
+        return ml.ensemble(method, body, torque, start, dt=jnp.asarray(h, dtype), steps=steps, bath=bath)
 
     start = thermal(key, x, dtype)
     return compiled(run, start, bodies=BODIES)

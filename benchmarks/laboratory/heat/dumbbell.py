@@ -127,10 +127,10 @@ def _values(difference: float, seed: int) -> np.ndarray:
 
     def run(begin: ml.RigidState, keys: Any) -> Any:
         body = ml.RigidBody(jnp.asarray([1, 1, SHARE], jnp.float32))
-        gas = ml.torques.Langevin(jnp.float32(1), jnp.float32(FRICTION), keys)
-        torque = ml.torques.FromPotential(light) + gas
+        gas = ml.baths.Langevin(jnp.float32(1), jnp.float32(FRICTION), keys)
+        torque = ml.torques.FromPotential(light)
         options: Any = {"dt": jnp.float32(_STEP / OMEGA), "steps": SAMPLES * _EVERY, "save_every": _EVERY}
-        return ml.ensemble(METHOD, body, torque, begin, **options, observe=observed).states
+        return ml.ensemble(METHOD, body, torque, begin, bath=gas, **options, observe=observed).states
 
     keys = jax.random.split(jax.random.key(100 + seed), BODIES)
     program = jax.jit(run, compiler_options=compiler_options(BODIES))

@@ -27,10 +27,10 @@ def _ends(method: str, exposure: float) -> Iterator[tuple[int | None, Any]]:
     moments = np.array(MOMENTS)
     momentum = np.random.default_rng(0).normal(size=(BODIES, 3)) * np.sqrt(KT * moments)
     start = ml.RigidState(momentum, jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (BODIES, 1)))
-    bath = ml.torques.Langevin(KT, exposure * moments / STEP, jax.random.split(jax.random.key(1), BODIES))
+    bath = ml.baths.Langevin(KT, exposure * moments / STEP, jax.random.split(jax.random.key(1), BODIES))
     for every in SAVED:
         run: Any = {"dt": STEP, "steps": STEPS, "save_every": every}
-        states = ml.ensemble(method, ml.RigidBody(moments), bath, start, **run).states
+        states = ml.ensemble(method, ml.RigidBody(moments), None, start, bath=bath, **run).states
         yield every, states if every is None else jax.tree.map(lambda x: x[:, -1], states)
 
 

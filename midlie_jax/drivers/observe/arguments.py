@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ...model.baths.with_bath import without_bath
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike, on_body
@@ -76,7 +77,7 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
     if observe is None:
         return state
     observable = observe.observable if isinstance(observe, Statistic) else observe
-    acting = on_body(torque, body)
+    acting = on_body(without_bath(torque)[0], body)
     value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
     if not jax.tree.leaves(value):
         raise ValueError("observe must return an array or a pytree of arrays, but returned none.")

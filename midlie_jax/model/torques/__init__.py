@@ -2,7 +2,7 @@
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `reads_body` has torques
 that read the body, `from_functions` custom torques from a function, and `fields` torques that depend on the attitude.
-`friction` has damping and air drag, `bath` thermal noise. `travel` has torques on bodies that translate; they return a
+`friction` has damping and air drag. `travel` has torques on bodies that translate; they return a
 `midlie_jax.torques.Wrench`, a torque and a force. `by_step` has controls and pulses, which are constant in each step.
 The torques of one application are in its folder: `asteroids`, `molecules`, `spacecraft`, `spins`.
 """
@@ -17,9 +17,6 @@ from .base import potential_of as potential_of
 from .base import terms_of as terms_of
 from .base import velocity_dependent as velocity_dependent
 from .base import without_gravity as without_gravity
-from .bath import Langevin as Langevin
-from .bath import baths_in as baths_in
-from .bath import without_bath as without_bath
 from .by_step import Held as Held
 from .by_step import Pulses as Pulses
 from .fields import DipoleInField as DipoleInField

@@ -214,6 +214,11 @@ class Sum(Torque):
 
 
 def _no_torque(term: Any) -> ValueError:
+    from ..baths.base import HeatBath  # which needs this module
+
+    if isinstance(term, HeatBath):
+        name = type(term).__name__
+        return ValueError(f"a torque must be a function of (t, state), got a {name}; pass bath={name}(...) to the run.")
     return ValueError(
         f"a torque must be a function of (t, state), got {shown(term)} in a sum; for a constant "
         "torque use midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."

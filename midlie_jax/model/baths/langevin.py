@@ -1,29 +1,28 @@
-"""`Langevin`: friction and thermal noise of a heat bath, for schemes with a bath stage."""
+"""`Langevin`: friction and thermal noise of a heat bath on rigid bodies."""
 
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, described, is_key, require, require_finite, shown
+from ..._checks.arguments import as_floats, require, require_finite, shown
 from ..._math.components import is_traced
-from ..bath import Bath, exposures, root_of
 from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
+from ..exposure import PreparedBath, exposures
 from ..rotor import SymmetricRotor
-from ..state import AnyState, Time
-from .base import TorqueLike, kept_terms
-from .reads_body import ReadsBody, knows_axis_alone
+from ..state import AnyState
+from ..torques.reads_body import knows_axis_alone
+from .base import HeatBath
 
 _ROUNDED = 1e-5  # largest magnitude of a negative eigenvalue of a tensor due to rounding, relative to its largest entry
 
 
-class Langevin(ReadsBody):
+class Langevin(HeatBath):
     """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame; likewise for p if the body translates.
 
-    A term of a sum of torques, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
+    The argument `bath` of a run, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
     these equations exactly. A free body therefore keeps the Maxwell distribution, <Pi_i^2> = kT I_i and <p_i^2> = kT m,
     at any step that the flight supports. docs/heat.md describes the effect of a torque.
 
@@ -61,32 +60,23 @@ class Langevin(ReadsBody):
             missing or superfluous; a friction that does not fit the state; or a method without the stage.
 
     Examples:
-        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
+        >>> bath = ml.baths.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
         >>> top, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> path = ml.integrate("SYMMETRIC[BAOAB]", top, bath, start, dt=0.1, steps=100, save_every=10)
+        >>> path = ml.integrate("SYMMETRIC[BAOAB]", top, None, start, dt=0.1, steps=100, save_every=10, bath=bath)
         >>> path.states.momentum.shape, bool(path.ok)
         ((11, 3), True)
     """
 
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
-    kT: Any
     friction: Float[Array, "..."]
-    key: Array
     linear_friction: Float[Array, "..."] | None
 
     def __init__(self, kT: Any, friction: Any, key: Any, linear_friction: Any = None):
-        self.kT, self.key = as_temperature(kT), as_key(key)
+        super().__init__(kT, key)
         self.friction = _friction("friction", friction)
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
-    def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        self.check_on(state, body)
-        return jnp.zeros_like(state.momentum)
-
-    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        return jnp.zeros((), state.momentum.dtype)
-
-    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, count: int) -> Bath:
+    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, count: int) -> PreparedBath:
         """The bath prepared for the steps of a run.
 
         Args:
@@ -100,31 +90,7 @@ class Langevin(ReadsBody):
         root = self.root if callable(self.kT) else None
         own = None if root is not None else self.root(t)
         made = {b: exposures(principal, frame, friction, linear, b * h, own) for b in sorted(coefficients)}
-        return Bath(root, self.words, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
-
-    @property
-    def words(self) -> tuple[Array, ...]:
-        """The words of the random key, uint32.
-
-        The barrier hides a constant key from XLA, which would fold the noise at compile time, with different rounding.
-        """
-        words = jax.lax.optimization_barrier(jax.random.key_data(self.key))
-        return tuple(words[i] for i in range(words.shape[-1]))
-
-    def root(self, t: Array) -> Array:
-        """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
-        temperature: Any = self.kT(t) if callable(self.kT) else self.kT
-        if jnp.shape(temperature):
-            raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
-        return root_of(jnp.asarray(temperature).astype(t.dtype))
-
-    def check_numbers(self) -> None:
-        if not callable(self.kT) and self.kT.shape:
-            raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
-        if self.key.shape:
-            raise ValueError(
-                f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
-            )
+        return PreparedBath(root, self.words, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
 
     def check(self, state: AnyState) -> None:
         for name in ("friction", "linear_friction") if knows_axis_alone(state) else ():
@@ -136,7 +102,6 @@ class Langevin(ReadsBody):
                 raise _not_symmetric(name, friction, state)
 
     def check_kind(self, state: AnyState, body: Any) -> None:
-        """The checks of `check_on` that do not depend on shapes, which have an axis of the bodies in an ensemble."""
         kind = type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
             raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
@@ -150,28 +115,12 @@ class Langevin(ReadsBody):
             body.turning.known_along  # noqa: B018 - raises if it is unknown
 
     def check_on(self, state: AnyState, body: Any) -> None:
-        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
-        self.check_kind(state, body)
-        self.check_numbers()
+        super().check_on(state, body)
         count = state.momentum.shape[-2] if state.several else None
         for name in ("friction", "linear_friction"):
             friction = getattr(self, name)
             if friction is not None:
                 _check_one(name, friction, state, count, body)
-
-
-def as_temperature(kT: Any) -> Any:
-    if callable(kT):
-        return kT
-    kT = as_floats("kT", kT)
-    require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
-    return kT
-
-
-def as_key(key: Any) -> Array:
-    if not is_key(key):
-        raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
-    return key
 
 
 def _friction(name: str, value: Any) -> Array:
@@ -218,41 +167,3 @@ def _not_symmetric(name: str, friction: Array, state: AnyState) -> ValueError:
         f"{name} on a {type(state).__name__} must be a number, or three numbers with the first "
         f"two equal, got {got}; use a state with an attitude for another friction."
     )
-
-
-def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin | None]:
-    """The torque without its bath, and the bath; None for either if there is none.
-
-    Raises:
-        ValueError: there are several baths, or one inside another torque than a sum.
-
-    Examples:
-        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
-        >>> torque, found = ml.torques.without_bath(ml.torques.HeavyTop(2.0) + bath)
-        >>> found is bath, len(ml.torques.terms_of(torque))
-        (True, 1)
-    """
-    baths = baths_in(torque)
-    if not baths:
-        return torque, None
-    rest = kept_terms(torque, lambda term: not _is_bath(term))
-    if len(baths) > 1:
-        raise ValueError(f"a torque can have one Langevin, got {len(baths)}; add their frictions.")
-    if baths_in(rest):
-        raise ValueError("Langevin must be a term of the sum of torques, not inside another torque; add it to the sum.")
-    return rest, baths[0]
-
-
-def baths_in(tree: Any) -> list[Langevin]:
-    """All baths in a torque, or in a tree with the structure of a torque, at any depth.
-
-    Examples:
-        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
-        >>> len(ml.torques.baths_in(ml.torques.HeavyTop(2.0) + bath))
-        1
-    """
-    return [leaf for leaf in jax.tree.leaves(tree, is_leaf=_is_bath) if _is_bath(leaf)]
-
-
-def _is_bath(value: Any) -> bool:
-    return isinstance(value, Langevin)

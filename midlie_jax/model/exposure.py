@@ -49,8 +49,8 @@ class InBody(NamedTuple):
     own: Exposure
 
 
-class Bath(NamedTuple):
-    """The bath of a run, prepared for its step.
+class PreparedBath(NamedTuple):
+    """The heat bath of a run, prepared for its steps.
 
     Attributes:
         root: the function of time sqrt(kT), or None if the exposures include the temperature.
@@ -66,7 +66,7 @@ class Bath(NamedTuple):
     member: Any
     step: Array | None = None
 
-    def of_member(self, i: int) -> "Bath":
+    def of_member(self, i: int) -> "PreparedBath":
         exposures = jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, self.exposures)
         return self._replace(exposures=exposures, member=i)
 
