@@ -25,6 +25,7 @@ from typing import Any, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 
+from . import budgets
 from .fusion import vectors_by_option
 from .internals import bodies_at_once
 from .platform import on_cpu
@@ -36,13 +37,12 @@ R = TypeVar("R")
 _WIDTH = "xla_cpu_prefer_vector_width"
 _LEFT_OUT = "xla_disable_hlo_passes"
 _PROCESSOR = Path("/proc/cpuinfo")  # on Linux; on other systems AVX-512 is never assumed
-_MANY = 4  # from this number of bodies a vectorised step is faster, although its steps are launched one by one
 
 
 def compiler_options(bodies: int) -> dict[str, Any]:
     """The options with which XLA compiles a loop of steps of this many bodies; empty if the device is no CPU."""
     options = vector_width_options()
-    if bodies >= _MANY and on_cpu() and _LEFT_OUT not in os.environ.get("XLA_FLAGS", ""):
+    if bodies >= budgets.VECTOR_BODIES and on_cpu() and _LEFT_OUT not in os.environ.get("XLA_FLAGS", ""):
         options[_LEFT_OUT] = "small-while-loop-hoisting"
     return options
 

@@ -33,6 +33,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from . import budgets
 from .internals import is_zero_tangent, make_primitive
 from .mesh import axes_of, is_number
 
@@ -47,7 +48,6 @@ _COTANGENTS = {_BEGIN: _FUSE, _BEGIN_TANGENTS: _FUSE_STEP}
 
 # Whether a compiler option already keeps the loops of the traced program in vectors.
 vectors_by_option: ContextVar[bool] = ContextVar("vectors_by_option", default=False)
-_FEW = 16  # numbers of a leaf; with fewer, a loop without vectors is not slower
 
 
 def fuse(tree: T) -> T:
@@ -147,7 +147,9 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
 
 def _kept_in_vectors(leaves: list[Array]) -> list[Array]:
     """The leaves, with a sort in the last leaf of many floats."""
-    large = [i for i, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating) and x.size >= _FEW]
+    large = [
+        i for i, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating) and x.size >= budgets.VECTOR_NUMBERS
+    ]
     if not large:
         return leaves
     last = large[-1]

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from . import budgets
 from .fusion import split
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, used_inputs
 from .mesh import axes_of, promoted
@@ -35,10 +36,6 @@ from .rules import (
     is_on_scalars,
     rule_for,
 )
-
-# Pairs (operations, ratio). A function is evaluated on arrays if, for one pair, it has more operations on scalars than
-# the first number, and more of them per operation on arrays than the second.
-_ON_ARRAYS = ((100, 2.5), (30, 4.0))
 
 
 class Traits(NamedTuple):
@@ -79,7 +76,7 @@ def _suits_arrays(closed: ClosedJaxpr) -> bool:
     evaluate nested stacks many times.
     """
     scalars, arrays = count_scalar_operations(closed)
-    return any(scalars > least and scalars > entries * arrays for least, entries in _ON_ARRAYS)
+    return any(scalars > least and scalars > entries * arrays for least, entries in budgets.ON_ARRAYS)
 
 
 def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:

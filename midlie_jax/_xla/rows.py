@@ -17,10 +17,9 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
+from . import budgets
 from .fusion import begin, fuse
 from .mesh import all_promoted, axes_of
-
-BLOCK = 16  # rows that are written out
 
 
 def sum_over_rows(term: Callable[[Any, Any], Any], columns: Sequence[Array], argument: Any) -> Any:
@@ -36,11 +35,11 @@ def sum_over_rows(term: Callable[[Any, Any], Any], columns: Sequence[Array], arg
         argument: a pytree of scalars.
     """
     n = columns[0].shape[0]
-    if n <= BLOCK:
+    if n <= budgets.WRITTEN_ROWS:
         return _sum([term(tuple(column[k] for column in columns), argument) for k in range(n)])
     # One table, so that no part of it is small enough to be split like the arrays of a torque (`replay.py`).
     table = jnp.stack(columns, axis=1)
-    blocks = jnp.pad(table, ((0, -n % BLOCK), (0, 0))).reshape(-1, BLOCK, len(columns))
+    blocks = jnp.pad(table, ((0, -n % budgets.WRITTEN_ROWS), (0, 0))).reshape(-1, budgets.WRITTEN_ROWS, len(columns))
     # Closed-over values of the term, such as the parameters of a law, become an argument, because `_block` has its own
     # derivative.
     converted, closed_over = jax.closure_convert(term, tuple(column[0] for column in columns), argument)
@@ -88,7 +87,7 @@ _block.defjvp(_block_tangent, symbolic_zeros=True)
 
 
 def _written_out(term: _Term, rows: Array, argument: Any) -> Any:
-    return _sum([term(tuple(rows[k, i] for i in range(rows.shape[1])), argument) for k in range(BLOCK)])
+    return _sum([term(tuple(rows[k, i] for i in range(rows.shape[1])), argument) for k in range(budgets.WRITTEN_ROWS)])
 
 
 def _on_arrays(term: _Term, rows: Array, argument: Any) -> Any:

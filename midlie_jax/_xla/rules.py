@@ -17,12 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from . import budgets
 from .internals import ClosedJaxpr, ShapedArray, Tracer, bind
 from .mesh import axes_of, is_number, promoted
 from .moves import INDEXED, MOVES, Places
-
-# Arrays with more entries than this are not split into scalars.
-_LARGEST_SIZE = 64
 
 Parameters = Mapping[str, Any]
 
@@ -167,7 +165,7 @@ def _scalar_operations(equation: Any) -> int:
 
 def fits(aval: Any) -> bool:
     """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
-    return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE
+    return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= budgets.SCALAR_ENTRIES
 
 
 # Predicates for the values of parameters.

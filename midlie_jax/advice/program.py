@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._xla import budgets
 from .._xla.compiler import tuned_jit
 from ..drivers import shared_inputs
 from ..drivers.stepper import OneStep
@@ -105,12 +106,12 @@ def _run(
     one = OneStep(method, system, t0, dt, inputs)
 
     def take_block(block: Array, progress: Progress) -> Progress:
-        before = block * shared_inputs.BLOCK
+        before = block * budgets.PREPARED_ROWS
         if inputs is None:
             in_block, rows = iterations, None
         else:
-            in_block = jnp.minimum(iterations - before, shared_inputs.BLOCK)
-            indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
+            in_block = jnp.minimum(iterations - before, budgets.PREPARED_ROWS)
+            indices = before * unroll + jnp.arange(budgets.PREPARED_ROWS * unroll, dtype=jnp.int32)
             rows = inputs.table(system, t0, dt, indices)
 
         def of_body(progress: Progress) -> Progress:
@@ -120,7 +121,7 @@ def _run(
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
     progress = jax.vmap(jax.vmap(lambda start: method.begin(system, start, t0)))(parts)
-    blocks = 1 if inputs is None else -(-iterations // shared_inputs.BLOCK)
+    blocks = 1 if inputs is None else -(-iterations // budgets.PREPARED_ROWS)
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok

@@ -16,6 +16,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from .._checks.arguments import as_count, described
+from .._xla import budgets
 from .._xla.internals import Tracer, is_zero_tangent, make_primitive
 from .._xla.keep import recomputed
 from .._xla.per_row import in_rows, with_tangents_of
@@ -23,12 +24,6 @@ from .._xla.rules import fits
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 
-# Counts of numbers per body. The states that a derivative keeps are written to memory and read again. If the kept
-# states of a few hundred bodies fit the last-level cache, this is faster than recomputing the steps; otherwise it is
-# slower. The steps between two kept states should fit the second-level cache (`benchmarks/gradients.py`).
-_ALL, _BETWEEN = 10_240, 1024
-_SHORTEST = 8  # minimum number of steps between two kept states
-_INTERVALS = 16  # between the states that a reversible run keeps
 # The most backward steps from a kept state. Rounding changes the momentum by about eps per step, and therefore the
 # attitude. After n steps of one radian in a regular motion, the attitude error is about n^1.5 eps, here 4e-9 and 1.4e-3
 # radians.
@@ -232,10 +227,10 @@ def _every(number: int, total: int, size: int) -> int:
         total: steps of the run.
         size: numbers per state.
     """
-    if total * size <= _ALL:
+    if total * size <= budgets.KEPT_ALL:
         return 1
-    longest = max(_SHORTEST, _BETWEEN // size)
-    candidates = [*range(longest, _SHORTEST - 1, -1), *range(longest + 1, 8 * longest + 1)]
+    longest = max(budgets.SHORTEST_BETWEEN, budgets.KEPT_BETWEEN // size)
+    candidates = [*range(longest, budgets.SHORTEST_BETWEEN - 1, -1), *range(longest + 1, 8 * longest + 1)]
     return next((every for every in candidates if number % every == 0), 1)
 
 
@@ -283,7 +278,7 @@ def _with_arguments(function: Callable[..., Any], *examples: Any) -> tuple[Calla
 def _block(count: int, progress: Progress) -> int:
     """A divisor of `count`: the steps between two states that a reversible run keeps; see `Reversible`."""
     dtypes = {str(leaf.dtype) for leaf in jax.tree.leaves(progress)}
-    longest = min(-(-count // _INTERVALS), *(_FARTHEST[dtype] for dtype in dtypes & _FARTHEST.keys()))
+    longest = min(-(-count // budgets.REVERSED_INTERVALS), *(_FARTHEST[dtype] for dtype in dtypes & _FARTHEST.keys()))
     candidates = [*range(longest, longest // 2, -1), *range(longest + 1, count + 1)]
     return next(block for block in candidates if count % block == 0)
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from .._xla import budgets
 from .._xla.compiler import tuned_jit
 from .._xla.mesh import is_spread, row_of
 from .._xla.platform import cores, on_cpu
@@ -30,14 +31,7 @@ from .observe import Observe, Statistic
 from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
 
-_CHUNK = 256  # bodies moved at once on one core
-# The same for a state of many numbers. Its arrays then do not begin at multiples of 2 KiB, where they would share a few
-# sets of the first-level cache (`benchmarks/kinds_of_state.py`).
-_CHUNK_OF_MANY, _MANY = 376, 12
-_NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; only a few replicas of many coupled bodies
-_VECTOR = 8  # bodies: chunks whose size is not a multiple of this took up to 4 times longer
 _nothing_shared: dict[Any, None] = {}  # keyed by the structure of arguments
-_LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; larger ones are recomputed in every chunk
 
 
 def bodies_in(method: Method, run: Any, mapped: Any, *others: Any, **named: Any) -> int:
@@ -210,9 +204,9 @@ def _shared_tables(
     body, torque, start, dt, t0 = eqx.combine(jax.tree.map(row_of, mapped), shared)
     system, first = method.system(body, torque, start, t0, dt), first.astype(jnp.int32)
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt), first)
-    if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
+    if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > budgets.PREPARED_BYTES:
         return ()
-    indices = first + jnp.arange(steps + -steps % shared_inputs.BLOCK, dtype=jnp.int32)
+    indices = first + jnp.arange(steps + -steps % budgets.PREPARED_ROWS, dtype=jnp.int32)
     table = inputs.table(system, t0, dt, indices)
     return jax.tree.map(lambda x: x[:steps], table)
 
@@ -239,14 +233,18 @@ def chunk_size(count: int, start: Any = None) -> int:
     if not on_cpu():
         return count
     numbers = sum(leaf.size // max(leaf.shape[0], 1) for leaf in jax.tree.leaves(start))
-    chunk = min(_CHUNK_OF_MANY, max(1, _NUMBERS // numbers)) if numbers > _MANY else _CHUNK
+    chunk = (
+        min(budgets.LARGE_CHUNK, max(1, budgets.CHUNK_NUMBERS // numbers))
+        if numbers > budgets.LARGE_STATE
+        else budgets.CHUNK
+    )
     return chunk if cores() == 1 else 32 * chunk
 
 
 def even_size(count: int, parts: int) -> int:
-    """The size of equal parts that hold `count`; a multiple of `_VECTOR` for several parts larger than it."""
+    """The size of equal parts that hold `count`; a multiple of `budgets.VECTOR` for several parts larger than it."""
     size = -(-count // parts)
-    return size if parts == 1 or size <= _VECTOR else -(-size // _VECTOR) * _VECTOR
+    return size if parts == 1 or size <= budgets.VECTOR else -(-size // budgets.VECTOR) * budgets.VECTOR
 
 
 def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
@@ -259,9 +257,9 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     if devices is None:
         if count <= chunk:
             return 1, count
-        most = chunk if chunk <= _VECTOR else chunk - chunk % _VECTOR
+        most = chunk if chunk <= budgets.VECTOR else chunk - chunk % budgets.VECTOR
         least = -(-count // most)
-        chunks = next((n for n in range(least, least + least // 3 + 1) if count % (n * _VECTOR) == 0), least)
+        chunks = next((n for n in range(least, least + least // 3 + 1) if count % (n * budgets.VECTOR) == 0), least)
         return chunks, even_size(count, chunks)
     size = min(chunk, -(-count // devices))
     return devices * -(-count // (devices * size)), size

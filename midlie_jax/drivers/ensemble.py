@@ -9,6 +9,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, as_floats, described, require_finite
+from .._xla import budgets
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import row_of
 from .._xla.structure import once
@@ -29,8 +30,6 @@ from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
 from .stepper import Carry, carried_on
-
-_LEAST_TABLE = 64  # steps
 
 
 @overload  # the return type follows `observe`
@@ -179,7 +178,7 @@ def ensemble(
 
 def _prepared_steps(steps: int) -> int:
     """The length of the table of prepared inputs; one program then serves up to 4 times more steps."""
-    length = _LEAST_TABLE
+    length = budgets.PREPARED_STEPS
     while length < steps:
         length *= 4
     return length

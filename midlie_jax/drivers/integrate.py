@@ -9,6 +9,7 @@ from jax import Array
 
 from .._checks.arguments import as_count
 from .._math import components as cp
+from .._xla import budgets
 from .._xla.compiler import tuned_jit
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import all_promoted, axes_of_run
@@ -19,7 +20,6 @@ from ..model.baths.base import HeatBath
 from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
-from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
@@ -289,15 +289,10 @@ def _side_by_side(
 ) -> int:
     """The number of bodies that a step moves side by side; few bodies are moved number by number, like one."""
     del method, adjoint, body, torque, others, more
-    return start.count if start.several and start.count > MEMBERS_MOST else 1
+    return start.count if start.several and start.count > budgets.UNROLLED_BODIES else 1
 
 
 _run = tuned_jit(path_of_body, _side_by_side)
-
-
-# A smaller number of steps between saved states is part of the program. Otherwise saving the states, and the loop over
-# the last few steps between two of them, would take longer.
-_FEW = 32
 
 
 def count_as_argument(every: int, steps: int, adjoint: Adjoint) -> Any:
@@ -308,5 +303,5 @@ def count_as_argument(every: int, steps: int, adjoint: Adjoint) -> Any:
     like). An adjoint other than the default is checked when the program is made, with all its numbers.
     """
     default = isinstance(adjoint, Checkpointed) and adjoint.every is None
-    free = default and (every == steps or every >= _FEW)
+    free = default and (every == steps or every >= budgets.COUNTED_STEPS)
     return np.asarray(every, np.int32) if free and on_cpu() and bodies_at_once() else every

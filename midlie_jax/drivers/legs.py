@@ -11,12 +11,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from .._xla import budgets
 from .._xla.platform import on_cpu
 from ..integrators.base import Method, Progress
 from .stepper import OneStep
-
-# Approximate steps per iteration on an accelerator, where the host checks after each iteration whether to continue.
-_LONG_ITERATION = 64
 
 
 class Leg(NamedTuple):
@@ -39,7 +37,7 @@ class Leg(NamedTuple):
 
 def iteration(method: Method, save_every: int) -> int:
     """The steps between two stops; a leg can end after each iteration and at each saved state."""
-    iterations = 1 if on_cpu() else -(-_LONG_ITERATION // method.unroll)
+    iterations = 1 if on_cpu() else -(-budgets.DEVICE_STEPS // method.unroll)
     return min(iterations * method.unroll, save_every)
 
 

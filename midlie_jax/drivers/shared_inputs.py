@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._xla import budgets
 from .._xla.hoisting import Hoisted, depends, hoist
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
@@ -20,7 +21,6 @@ from ..integrators.verdict import FINE
 from ..model.torques import on_body
 from .clock import ends_of_step
 
-BLOCK = 64  # rows computed at once
 Rows = list[Any]
 
 
@@ -42,11 +42,11 @@ class SharedInputs(NamedTuple):
         return self.hoisted.prepare(n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
 
     def table(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
-        """The rows of steps with these indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
+        """The rows of steps with these indices, (k,), with a leading axis (k,); k is a multiple of PREPARED_ROWS.
 
         All blocks have the same size, so the code that computes a row, and therefore its bits, do not depend on k.
         """
-        return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=BLOCK)
+        return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=budgets.PREPARED_ROWS)
 
     def advance(self, system: System, t0: Array, dt: Array, progress: Progress, n: Array, row: Any) -> Progress:
         """`Method.advance` of step n, with its prepared values."""

@@ -37,6 +37,7 @@ from jax import Array
 
 from .._checks.arguments import LEAST_ULPS, as_count, require_finite, require_function, same_dtype
 from .._math import components as cp
+from .._xla import budgets
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import fuse
 from .._xla.mesh import all_promoted, axes_of_run
@@ -61,8 +62,6 @@ from .stepper import Carry, check_carried
 _SLACK = 1e-3
 # The run fails if rho and the density differ by more than this factor: the steps no longer follow the density.
 _LARGEST_FACTOR = 2.0
-# At most this many steps between two checks that every body has reached t1.
-_BLOCK = 32
 
 
 class _Clock(NamedTuple):
@@ -423,4 +422,4 @@ def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
 
 
 def _block(count: int) -> int:
-    return max(n for n in range(1, _BLOCK + 1) if count % n == 0)
+    return max(n for n in range(1, budgets.CHECKED_STEPS + 1) if count % n == 0)

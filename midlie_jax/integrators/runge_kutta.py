@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 from jax import Array
 
+from .._xla import budgets
 from .._xla.compiler import exact_jit
 from .._xla.fusion import cut
 from .._xla.platform import on_cpu
@@ -27,13 +28,7 @@ from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
-# The largest number of operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000
-# operations in one loop, a step takes 40 times the time of two loops of half that length. On a GPU longer kernels
-# are also divided.
-_LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
-_LONG_EVALUATION = 150  # operations from which a stage of a tableau has its own loop
 _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gradient before each group of corrections
-_EVALUATIONS_IN_KERNEL = 16  # number of evaluations of a simple torque that fit one kernel
 
 
 class RungeKutta(Method):
@@ -79,7 +74,7 @@ class RungeKutta(Method):
 
     @property
     def unroll(self) -> int:
-        return 1 if on_cpu() else max(1, _EVALUATIONS_IN_KERNEL // self.evaluations)
+        return 1 if on_cpu() else max(1, budgets.KERNEL_EVALUATIONS // self.evaluations)
 
     @property
     def reach(self) -> float:
@@ -105,12 +100,12 @@ class RungeKutta(Method):
             t = t0 if known and time == 0 else t1 if known and abs(time - 1) < 1e-12 else t0 + time * h
             return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
-        longest = _LONGEST_LOOP if on_cpu() else _LONGEST_KERNEL
+        longest = budgets.LOOP_OPERATIONS if on_cpu() else budgets.KERNEL_OPERATIONS
         in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
 
         def pause(tree: Any, evaluations: int) -> Any:
             nonlocal in_loop
-            alone = evaluations == 1 and per_evaluation > _LONG_EVALUATION  # a stage of a tableau reads the others
+            alone = evaluations == 1 and per_evaluation > budgets.LONG_TORQUE  # a stage of a tableau reads the others
             ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
             return cut(tree) if ends else tree

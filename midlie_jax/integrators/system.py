@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
+from .._xla import budgets
 from .._xla.fusion import fuse_derivative, split
 from .._xla.replay import Traits, traits
 from ..model.bodies import Body
@@ -22,7 +23,6 @@ from ..model.torques.by_step import in_step, is_by_step
 from ..model.wrench import Wrench
 
 T = TypeVar("T")
-_LONG_TORQUE = 150  # operations from which a torque counts as long
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
@@ -105,7 +105,7 @@ class System(NamedTuple):
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         # A separately compiled torque already ends the loops around it; a torque on several bodies is always long.
         costly = found is not None and (found.costly or kind.several) and not kind.apart
-        long = found is not None and (found.operations if kind == start.kind else found.scalars) > _LONG_TORQUE
+        long = found is not None and (found.operations if kind == start.kind else found.scalars) > budgets.LONG_TORQUE
         inertia, frame = kind.constants(inertia, frame)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from .._xla import budgets
 from .formula import Pause, Rates
 from .system import AnyMotion
 
@@ -36,15 +37,12 @@ class Tableau(NamedTuple):
         begun = 0  # the first change that the present loop computes
         for row in self.stages:
             fresh = changes[begun:]
-            paused = pause(fresh, 1) if len(self.stages) > _FEW else fresh
+            paused = pause(fresh, 1) if len(self.stages) > budgets.LOOP_STAGES else fresh
             if paused is not fresh:
                 changes, begun = changes[:begun] + paused, len(changes)
             stage_motion = jax.tree.map(jnp.add, motion, _total(row, changes)) if row else motion
             changes.append(rates(sum(row.values(), start=0.0), 1.0, stage_motion))
         return _total(self.weights, changes)
-
-
-_FEW = 4  # stages that fit one loop under any torque
 
 
 def _total(weights: dict[int, float], changes: list[AnyMotion]) -> AnyMotion:

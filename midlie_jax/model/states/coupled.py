@@ -15,6 +15,7 @@ from jax import Array
 
 from ..._checks.arguments import described
 from ..._math import components as cp
+from ..._xla import budgets
 from ..._xla.apart import apart
 from ..._xla.fusion import split
 from ..._xla.replay import Traits
@@ -23,7 +24,7 @@ from ..leaf import Described
 from ..state import State
 from .axis import AxisState
 from .free import FreeAxisState, FreeState
-from .members import MEMBERS_MOST, OPERATIONS_MOST, Unrolled
+from .members import Unrolled
 from .rigid import RigidState
 
 
@@ -35,8 +36,8 @@ class SideBySide(Kind):
 
     def of_run(self, state: Any, torque: Traits | None) -> Kind:
         """Unrolled into scalars for few bodies and a short function."""
-        short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
-        return Unrolled(self.of, self.leaves, state.count) if state.count <= MEMBERS_MOST and short else self
+        short = torque is None or (torque.on_scalars and torque.scalars <= budgets.UNROLLED_OPERATIONS)
+        return Unrolled(self.of, self.leaves, state.count) if state.count <= budgets.UNROLLED_BODIES and short else self
 
     def evaluate(self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
         # If stacked directly, the preceding flight and its parts would be repeated for each number of the arrays.

@@ -17,9 +17,6 @@ from ..._math import components as cp
 from ..._xla.replay import Packed, by_components
 from ..kind import Kind, both
 
-MEMBERS_MOST = 3  # bodies unrolled into scalars; four are faster side by side
-OPERATIONS_MOST = 2500  # scalar operations of the torque function; more take over ten seconds to compile
-
 
 class Inertias(NamedTuple):
     """Constants of a run of several bodies.
