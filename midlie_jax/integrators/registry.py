@@ -11,6 +11,7 @@ from .._checks.arguments import described, unknown
 from ..model.bodies import Body, RigidBody, principal_of
 from . import flights, schemes
 from .base import Method
+from .brownian import Brownian
 from .flights import FLIGHTS, Flight
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .listing import Listing
@@ -104,6 +105,7 @@ ENTRIES: dict[str, Entry] = {
             schemes.BADAB,
             "CHIN4A for a torque that cannot be differentiated, three to five digits; not symplectic",
         )._replace(rival=True),
+        Entry(Brownian(), "strong friction: overdamped motion in a heat bath; weak order 2"),
         Entry(RK4, "comparison: the classical Runge-Kutta method; preserves no structure", chart=True),
         _entry(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
         _entry(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force at mid-step", "position Verlet"),

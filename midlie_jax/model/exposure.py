@@ -38,9 +38,9 @@ class Exposure(NamedTuple):
 
     def change(self, root: Any, vector: cp.Vector, noise: cp.Vector) -> cp.Vector:
         """The change of the vector; `root` is the factor sqrt(kT) of the spread, or None."""
-        pushed = _product(self.spread, noise)
+        pushed = product(self.spread, noise)
         pushed = pushed if root is None else cp.scale(root, pushed)
-        return cp.subtract(pushed, _product(self.lost, vector))
+        return cp.subtract(pushed, product(self.lost, vector))
 
 
 class InBody(NamedTuple):
@@ -62,7 +62,7 @@ class PreparedBath(NamedTuple):
 
     root: Callable[[Any], Array] | None
     key: tuple[Array, ...]
-    exposures: dict[float, Any]
+    exposures: dict[Any, Any]
     member: Any
     step: Array | None = None
 
@@ -96,12 +96,12 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
     """
     turning: Any = body.turning
     moments = cp.vector(turning.moments) if not isinstance(turning, SymmetricRotor) else _moments_of(turning)
-    angular = _exposure(_in_principal_axes(friction, frame), moments, time, root)
+    angular = _exposure(in_principal_axes(friction, frame), moments, time, root)
     if not isinstance(body, FreeBody):
         return angular
     assert linear_friction is not None
     mass: cp.Vector = body.mass, body.mass, body.mass
-    linear = _exposure(_in_principal_axes(linear_friction, frame), mass, time, root)
+    linear = _exposure(in_principal_axes(linear_friction, frame), mass, time, root)
     return Momenta(angular, linear if linear_friction.ndim == 0 else InBody(linear))
 
 
@@ -109,7 +109,7 @@ def _moments_of(rotor: SymmetricRotor) -> cp.Vector:
     return rotor.moment, rotor.moment, rotor.known_along
 
 
-def _in_principal_axes(friction: Array, frame: Any) -> Array:
+def in_principal_axes(friction: Array, frame: Any) -> Array:
     """A tensor in principal axes; any other form of friction unchanged."""
     if frame is None or friction.shape[-2:] != (3, 3):
         return friction
@@ -122,7 +122,7 @@ def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Ex
     if friction.shape[-2:] == (3, 3):
         lost, spread = _of_tensor(friction, cp.pack(moments), time)
         spread = spread if root is None else jnp.asarray(root)[..., None, None] * spread
-        return Exposure(_rows(lost), _rows(spread))
+        return Exposure(rows(lost), rows(spread))
     each = cp.vector(friction) if friction.ndim else (friction,) * 3
     pairs = [_of_number(g, moment, time) for g, moment in zip(each, moments, strict=True)]
     spread = tuple(s if root is None else root * s for _, s in pairs)
@@ -201,11 +201,11 @@ def _over(a: Array, b: Array) -> Array:
     return jnp.where(zero, jnp.zeros_like(a * b), a / jnp.where(zero, jnp.ones_like(b), b))
 
 
-def _rows(matrix: Array) -> Any:
+def rows(matrix: Array) -> Any:
     return tuple(cp.vector(matrix[..., i, :]) for i in range(3))
 
 
-def _product(matrix: Any, vector: cp.Vector) -> cp.Vector:
+def product(matrix: Any, vector: cp.Vector) -> cp.Vector:
     """A matrix, as three rows or as its diagonal, times a vector."""
     if isinstance(matrix[0], tuple):
         x, y, z = (cp.dot(row, vector) for row in matrix)

@@ -1,0 +1,279 @@
+"""BROWNIAN: the weak error of one step, diffusion, stationary distributions, derivatives, and what is refused."""
+
+from functools import partial
+from itertools import combinations
+from unittest.mock import patch
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import quick
+
+import midlie_jax as ml
+from midlie_jax.model.exposure import PreparedBath
+
+KT = 0.7
+METHOD = ml.method("BROWNIAN")
+MOMENTS = np.array([1.0, 2.0, 2.5])
+TENSOR = np.array([[1.2, 0.3, -0.2], [0.3, 2.0, 0.4], [-0.2, 0.4, 3.0]])
+LINEAR = np.array([[0.9, -0.2, 0.1], [-0.2, 1.5, 0.3], [0.1, 0.3, 0.7]])
+POSE = ml.so3.exp(jnp.array([0.4, -0.7, 0.5]))
+HERE = jnp.array([0.3, -0.2, 0.5])
+Langevin = ml.baths.Langevin
+
+
+def keys(count, seed=1):
+    return jax.random.split(jax.random.key(seed), count)
+
+
+def pull(state):
+    """A potential energy that reads all of a pose."""
+    turned = jnp.zeros(())
+    for name, weights in (
+        ("attitude", jnp.array([0.3, -0.5, 0.4, 0.7])),
+        ("direction", jnp.array([0.6, -0.5, 0.8])),
+        ("axis", jnp.array([0.6, -0.5, 0.8])),
+        ("position", jnp.array([0.4, 0.8, -0.3])),
+    ):
+        if hasattr(state, name):
+            turned += jnp.sin(jnp.sum(weights * getattr(state, name))) + jnp.sum(weights * getattr(state, name)) ** 2
+    return turned
+
+
+BODY, ROTOR = ml.RigidBody(MOMENTS), ml.SymmetricRotor(2.0, 0.9)
+ZERO, AXIS = jnp.zeros(3), jnp.array([0.48, 0.6, 0.64])
+STATES = {  # body, state, friction, linear friction
+    "number": (BODY, ml.RigidState(ZERO, POSE), 1.3, None),
+    "three numbers": (BODY, ml.RigidState(ZERO, POSE), [1.0, 2.0, 3.0], None),
+    "tensor": (BODY, ml.RigidState(ZERO, POSE), TENSOR, None),
+    "tensor body": (ml.TensorBody(np.diag(MOMENTS) + 0.2), ml.RigidState(ZERO, POSE), TENSOR, None),
+    "direction": (BODY, ml.DirectionState(ZERO, AXIS), TENSOR, None),
+    "axis": (ROTOR, ml.AxisState(ZERO, AXIS), [1.3, 1.3, 0.5], None),
+    "free": (ml.FreeBody(BODY, 3.0), ml.FreeState(ZERO, POSE, ZERO, HERE), [1.0, 2.0, 3.0], 0.8),
+    "free, tensors": (ml.FreeBody(BODY, 3.0), ml.FreeState(ZERO, POSE, ZERO, HERE), TENSOR, LINEAR),
+    "free axis": (ml.FreeBody(ROTOR, 3.0), ml.FreeAxisState(ZERO, AXIS, ZERO, HERE), [1.3, 1.3, 0.5], [0.8, 0.8, 0.4]),
+}
+
+
+def cubature(size):
+    """Nodes and weights for standard normal numbers, exact up to degree 5 (Stroud and Secrest 1963)."""
+    unit, far = np.eye(size), np.sqrt(size + 2)
+    ends = [sign * far * axis for axis in unit for sign in (1, -1)]
+    pairs = [far / np.sqrt(2) * (a * x + b * y) for x, y in combinations(unit, 2) for a in (1, -1) for b in (1, -1)]
+    weights = [2 / (size + 2), *[(4 - size) / (2 * (size + 2) ** 2)] * len(ends), *[1 / (size + 2) ** 2] * len(pairs)]
+    return jnp.array([np.zeros(size), *ends, *pairs]), jnp.array(weights)
+
+
+def moved(state, rotation, shift):
+    """The state after a rotation in the frame of its momentum, and a displacement in the frame of its position."""
+    for name, value in (("attitude", rotation), ("direction", rotation), ("axis", rotation), ("position", shift)):
+        if not hasattr(state, name):
+            continue
+        now = getattr(state, name)
+        if name == "position":
+            new = now + value
+        elif name == "attitude":
+            new = ml.so3.multiply(now, ml.so3.exp(value))
+        else:
+            matrix = ml.so3.to_matrix(ml.so3.exp(value if name == "axis" else -value))
+            new = matrix @ now
+        state = eqx.tree_at(lambda s, name=name: getattr(s, name), state, new)
+    return state
+
+
+def generator(function, state, torque, friction, linear, body):
+    """The change per time of the mean of a function of the state: drift and diffusion, by derivatives."""
+    mobility = jnp.linalg.inv(as_matrix(friction))
+    moved_by = partial(moved, state)
+    wrench = ml.torques.on_body(torque, body)(0.0, state)
+    travels = linear is not None
+    across = jnp.zeros((3, 3))
+    pulls = wrench.torque if travels else wrench
+    if travels:
+        frame = frame_of(state)
+        across = frame @ jnp.linalg.inv(as_matrix(linear)) @ frame.T
+
+    def at(numbers):
+        return function(moved_by(numbers[:3], numbers[3:]))
+
+    slope, bend = jax.grad(at)(jnp.zeros(6)), jax.hessian(at)(jnp.zeros(6))
+    drift = jnp.concatenate([mobility @ pulls, across @ (wrench.force if travels else jnp.zeros(3))])
+    return drift @ slope + KT * (jnp.sum(mobility * bend[:3, :3]) + jnp.sum(across * bend[3:, 3:]))
+
+
+def as_matrix(friction):
+    friction = jnp.asarray(friction)
+    return friction if friction.ndim == 2 else jnp.diag(jnp.broadcast_to(friction, 3))
+
+
+def frame_of(state):
+    if hasattr(state, "attitude"):
+        return ml.so3.to_matrix(state.attitude)
+    first = jnp.cross(state.axis, jnp.array([0.0, 0.0, 1.0]))
+    first = first / jnp.linalg.norm(first)
+    return jnp.stack([first, jnp.cross(state.axis, first), state.axis], 1)
+
+
+def mean_after(function, name, h):
+    """The mean of a function of the state after one step, over all random numbers."""
+    body, state, friction, linear = STATES[name]
+    torque = ml.torques.FromPotential(lambda t, state: pull(state))
+    bath = Langevin(KT, friction, jax.random.key(0), linear)
+    stages = 2 if linear is None else 4
+    nodes, weights = cubature(3 * stages)
+
+    def end(numbers):
+        def given(self, stage, like):
+            return tuple(numbers[3 * stage : 3 * stage + 3])
+
+        with patch.object(PreparedBath, "noise", given):
+            path = ml.integrate(METHOD, body, torque, state, dt=h, steps=1, save_every=None, bath=bath)
+        return function(path.states)
+
+    return weights @ quick(jax.vmap(end))(nodes)
+
+
+def seen(state):
+    """A function of the state without symmetries."""
+    turned = 0.0
+    for name, weights in (
+        ("attitude", [0.9, 0.4, -0.6, 0.2]),
+        ("direction", [0.5, 0.7, -0.9]),
+        ("axis", [0.5, 0.7, -0.9]),
+    ):
+        if hasattr(state, name):
+            turned = jnp.exp(jnp.sum(jnp.array(weights) * getattr(state, name)))
+    return turned * (jnp.cos(state.position @ jnp.array([0.7, -0.4, 0.9])) if hasattr(state, "position") else 1.0)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", STATES)
+def test_the_mean_after_a_step_is_that_of_the_equations_up_to_the_third_order(name):
+    """Against f + h A f + h^2/2 A^2 f with the generator A, from derivatives alone: the error falls as h^3."""
+    body, state, friction, linear = STATES[name]
+    torque = ml.torques.FromPotential(lambda t, state: pull(state))
+    once = partial(generator, torque=torque, friction=friction, linear=linear, body=body)
+    first, second = quick(lambda s: (once(seen, s), once(partial(once, seen), s)))(state)
+    steps = 0.02, 0.01
+    errors = [mean_after(seen, name, h) - (seen(state) + h * first + h**2 / 2 * second) for h in steps]
+    assert abs(errors[0]) < 100 * steps[0] ** 3
+    assert 6.5 < errors[0] / errors[1] < 9.5
+
+
+def at_rest(count, **more):
+    return ml.RigidState(jnp.zeros((count, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (count, 1)))
+
+
+@pytest.mark.sample(0)
+def test_a_free_ellipsoid_turns_as_perrin_says():
+    """<e_i(t) . e_i(0)> = exp(-(D_j + D_k) t), and exp(-(D_1 + D_2 + 4 D_3) t) for a product (F. Perrin 1934)."""
+    count, friction, time = 20_000, np.array([1.0, 2.0, 5.0]), 1.2
+    spread = KT / friction
+    for steps in (4, 24):
+        bath = Langevin(KT, friction, keys(count, steps))
+        path = ml.ensemble(METHOD, BODY, None, at_rest(count), dt=time / steps, steps=steps, bath=bath)
+        assert bool(path.ok.all())
+        frame = np.asarray(ml.so3.to_matrix(path.states.attitude))
+        found = [frame[:, i, i] for i in range(3)] + [frame[:, 0, 0] * frame[:, 1, 1] + frame[:, 0, 1] * frame[:, 1, 0]]
+        rates = [*(spread.sum() - spread), spread[0] + spread[1] + 4 * spread[2]]
+        for values, rate in zip(found, rates, strict=True):
+            error = values.std() / np.sqrt(count)
+            assert abs(values.mean() - np.exp(-rate * time)) < 3.5 * error + 1e-3
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("x", [0.5, 3.0])
+def test_a_dipole_comes_to_the_boltzmann_distribution(x):
+    """<cos> = coth x - 1/x, at steps of a tenth of the time in which the axis forgets its direction."""
+    count = 2000
+    bath, field = Langevin(1.0, 1.0, keys(count)), ml.torques.HeavyTop(-x)
+    run = {"dt": 0.05, "steps": 400, "save_every": 20, "observe": ml.observe.Axis(), "bath": bath}
+    cosine = np.asarray(ml.ensemble(METHOD, BODY, field, at_rest(count), **run).states)[:, 5:, 2].mean(1)
+    assert abs(cosine.mean() - (1 / np.tanh(x) - 1 / x)) < 3 * cosine.std() / np.sqrt(count) + 2e-3
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", ["free", "free axis", "two", "five"])
+def test_a_harmonic_well_has_the_variance_of_the_scheme(name):
+    """With a = h k/g and rho = 1 - a + a^2/2 it is kT h/g (1 + rho^2)/(1 - rho^2), which is kT/k (1 + O(a^2))."""
+    count, stiffness, friction, h = 8000, 2.0, 0.8, 0.2
+    well = ml.torques.FromPotential(lambda t, state: stiffness / 2 * jnp.sum(state.position**2))
+    zero, up = jnp.zeros((count, 3)), jnp.tile(AXIS, (count, 1))
+    body, start = ml.FreeBody(BODY, 3.0), ml.FreeState(zero, at_rest(count).attitude, zero, zero)
+    if name == "free axis":
+        body, start = ml.FreeBody(ROTOR, 3.0), ml.FreeAxisState(zero, up, zero, zero)
+    if name in ("two", "five"):
+        each = {"two": 2, "five": 5}[name]
+        many = [x.reshape(count // each, each, -1) for x in jax.tree.leaves(start)]
+        start = ml.CoupledState(*many)
+    rows = len(start.momentum)
+    path = ml.ensemble(METHOD, body, well, start, dt=h, steps=60, bath=Langevin(KT, 1.3, keys(rows), friction))
+    assert bool(path.ok.all())
+    a = h * stiffness / friction
+    rho = 1 - a + a**2 / 2
+    expected = KT * h / friction * (1 + rho**2) / (1 - rho**2)
+    values = np.asarray(path.states.position).reshape(-1, 3) ** 2 / expected
+    assert np.all(np.abs(values.mean(0) - 1) < 3.5 * np.sqrt(2 / len(values)))
+
+
+@pytest.mark.sample(0)
+def test_gradients_are_those_of_the_path():
+    """By the temperature and the friction, for fixed noise, against differences."""
+    state = jax.tree.map(lambda x: x[0], at_rest(1))
+    torque, weights = ml.torques.FromPotential(lambda t, state: pull(state)), jnp.array([0.3, -0.5, 0.4, 0.7])
+
+    def end(kT, friction):
+        bath = Langevin(kT, friction, jax.random.key(3))
+        return weights @ ml.integrate(METHOD, BODY, torque, state, dt=0.05, steps=20, bath=bath).states.attitude[-1]
+
+    given = jnp.asarray(KT), jnp.asarray(TENSOR)
+    value = quick(end)
+    for argument, change in ((0, jnp.ones(())), (1, jnp.asarray(LINEAR))):
+        slope = jnp.sum(quick(jax.grad(end, argument))(*given) * change)
+        ends = [
+            value(*(x + sign * 1e-5 * change if i == argument else x for i, x in enumerate(given))) for sign in (1, -1)
+        ]
+        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 2e-5, rtol=1e-6)
+
+
+def go(body=BODY, torque=None, friction=1.0, linear=None, state=None, dt=0.1, key=None, **options):
+    state = ml.RigidState(ZERO + 0.3, POSE) if state is None else state
+    bath = Langevin(KT, friction, jax.random.key(0) if key is None else key, linear)
+    return ml.integrate(METHOD, body, torque, state, **{"dt": dt, "steps": 4, "bath": bath, **options})
+
+
+def test_the_momentum_stays_and_a_step_that_is_too_long_is_a_flag():
+    path = go(torque=ml.torques.HeavyTop(1.0))
+    assert path.ok
+    np.testing.assert_array_equal(path.states.momentum, np.full((5, 3), 0.3))
+    for failed in (go(dt=0.3), go(torque=ml.torques.HeavyTop(1e3)), go(friction=1e-3 * np.eye(3))):
+        assert not failed.ok
+        assert failed.result == ml.RESULTS.beyond_reach
+
+
+REFUSED = {
+    "no friction": (lambda: go(friction=0.0), "friction must be positive in every direction for BROWNIAN"),
+    "free about an axis": (lambda: go(friction=[1.0, 1.0, 0.0]), "friction must be positive.*JACOBI"),
+    "a plane": (lambda: go(friction=np.diag([1.0, 0.0, 2.0])), "friction must be positive"),
+    "free to travel": (
+        lambda: go(ml.FreeBody(BODY, 1.0), state=ml.FreeState(ZERO, POSE, ZERO, ZERO), linear=0.0),
+        "linear_friction must be positive",
+    ),
+    "damping": (lambda: go(torque=ml.torques.Damping(1.0)), "torque must not read the momentum under BROWNIAN"),
+    "no bath": (lambda: go(bath=None), "has a stage for a heat bath, but bath is None"),
+    "back in time": (lambda: go(dt=-0.1), "dt must be positive in a heat bath"),
+    "reversible": (lambda: go(adjoint=ml.Reversible()), "symmetric method"),
+    "particles": (
+        lambda: go(ml.Particles(jnp.ones(1)), state=ml.ParticleState(jnp.ones(1), jnp.ones(1))),
+        "moves RigidBody, but body is Particles",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        call()
