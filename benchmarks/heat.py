@@ -6,6 +6,7 @@
     python benchmarks/heat.py correlations [--write]   how a sphere forgets its velocity and direction
     python benchmarks/heat.py temperature [--write]    free rotors keep their temperature, whatever is saved
     python benchmarks/heat.py diffusion [--write]      how much too fast free bodies diffuse at long steps
+    python benchmarks/heat.py brownian [--write]       a dipole under strong friction, by BROWNIAN and others
 
 Times are processor times on one core; programs that are compared take turns. `dipole --seconds 400` measures for some
 time only; the next call goes on with the runs in `--kept`, a file.
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import one_core  # noqa: F401
 from harness import main
-from laboratory.heat import averages, correlations, cost, diffusion, dumbbell, temperature
+from laboratory.heat import averages, brownian, correlations, cost, diffusion, dumbbell, temperature
 
 PARTS = {
     "dipole": averages.measure,
@@ -25,6 +26,7 @@ PARTS = {
     "correlations": correlations.measure,
     "temperature": temperature.TABLE,
     "diffusion": diffusion.TABLE,
+    "brownian": brownian.TABLE,
 }
 ARGUMENTS = {
     "--seconds": {"type": float, "default": math.inf, "help": "after which dipole measures nothing more"},
