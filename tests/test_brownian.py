@@ -184,6 +184,22 @@ def test_a_free_ellipsoid_turns_as_perrin_says():
 
 
 @pytest.mark.sample(0)
+def test_a_free_dipole_responds_as_debye_says():
+    """chi(omega) = 1/(kT (1 - i omega / 2 D)) of the sum over three components, at steps that are not short."""
+    count, friction = 600, 1.4
+    rate = 2 * KT / friction
+    observe = ml.observe.Susceptibility(ml.observe.Axis(), 60, kT=KT)
+    run = {"dt": 0.1, "steps": 1000, "save_every": 1, "observe": observe, "bath": Langevin(KT, friction, keys(count))}
+    found = ml.ensemble(METHOD, BODY, None, at_rest(count), **run).states
+    low = slice(0, 12)  # C is linear between the lags
+    expected = 1 / (KT * (1 - 1j * np.asarray(found.frequency[low]) / rate))
+    for part, error, exact in (("real", "real_error", expected.real), ("imag", "imag_error", expected.imag)):
+        allowed = 4 * getattr(found, error)[low] + 0.01
+        assert np.all(np.abs(getattr(found, part)[low] - exact) < allowed)
+    assert float(found.imag_error[3]) < 0.02 * float(found.imag[3])
+
+
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("x", [0.5, 3.0])
 def test_a_dipole_comes_to_the_boltzmann_distribution(x):
     """<cos> = coth x - 1/x, at steps of a tenth of the time in which the axis forgets its direction."""

@@ -266,6 +266,55 @@ def test_a_symmetric_top_has_a_line_at_its_precession():
 
 
 @pytest.mark.sample(0)
+def test_a_susceptibility_is_the_transform_of_the_decay_of_each_body():
+    """chi = -(1/kT) times the integral of C' exp(i omega t), interval by interval, and its spread over the bodies."""
+    x, first_bad = drawn(bodies=7)
+    found = ml.observe.Susceptibility(momentum, LAGS, kT=0.7)
+    values, good = jnp.asarray(x), jnp.asarray(np.arange(x.shape[1])[None] < first_bad[:, None])
+    found = jax.jit(lambda *given: found.of_bodies(*given))(values, good, jnp.asarray(INTERVAL))
+    frequency, responses = np.pi * np.arange(LAGS + 1) / (LAGS * INTERVAL), []
+    for body, count in zip(x, first_bad, strict=True):
+        if count > LAGS:
+            products = [[np.dot(body[t], body[t + lag]) for t in range(count - lag)] for lag in range(LAGS + 1)]
+            slope = np.diff([np.mean(each) for each in products]) / INTERVAL
+            times = INTERVAL * (np.arange(LAGS)[:, None] + np.linspace(0, 1, 2001)) * np.ones((LAGS, 1))
+            waves = np.trapezoid(np.exp(1j * frequency[:, None, None] * times), times, axis=-1)
+            responses.append(-(waves @ slope) / 0.7)
+    mean, count = np.mean(responses, 0), len(responses)
+    np.testing.assert_allclose(found.frequency, frequency, rtol=1e-14)
+    np.testing.assert_allclose(found.real, mean.real, atol=1e-5)
+    np.testing.assert_allclose(found.imag, mean.imag, atol=1e-5)
+    np.testing.assert_allclose(found.real_error, np.std(np.real(responses), 0, ddof=1) / np.sqrt(count), atol=1e-5)
+    np.testing.assert_allclose(found.imag_error, np.std(np.imag(responses), 0, ddof=1) / np.sqrt(count), atol=1e-5)
+    np.testing.assert_array_equal(found.number, count)
+
+
+SEVERAL = {
+    "over times": {
+        "response": ml.observe.Susceptibility(momentum, 9, kT=2.0),
+        "spectrum": ml.observe.Spectrum(speed, 10),
+        "all": ml.observe.Autocorrelation(EVERYTHING, 5, centred=True),
+    },
+    "at each time": {"mean": ml.observe.Mean(EVERYTHING), "bins": ml.observe.Histogram(speed, [0.0, 1.0, 2.0])},
+}
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("kind", SEVERAL)
+def test_several_statistics_of_one_run_are_those_of_several_runs(tmp_path, kind):
+    """In memory, in files with several groups and spans, and of one body."""
+    together = ensemble(SEVERAL[kind]).states
+    file = simulated(tmp_path / "several.zarr", span=8, observe=SEVERAL[kind]).open()
+    for name, statistic in SEVERAL[kind].items():
+        alone = ensemble(statistic).states
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-13), together[name], alone)
+        found = simulated(tmp_path / f"{name}.zarr", span=8, observe=statistic).open()
+        for variable in {*found.data_vars} - {"first_bad", "parameter_body_moments", "parameter_torque_mgl"}:
+            kept = file[name if variable == "observed" else f"{name}_{variable}"]
+            np.testing.assert_allclose(kept, found[variable], rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("span", "out"), [(4, "run.zarr"), (8, "run.npz"), (25, "run.zarr")])
 def test_a_file_holds_the_statistic_of_the_whole_run(tmp_path, span, out):
     """However it is cut into spans, which may be shorter than the lags; also of bodies that fail between."""
@@ -346,6 +395,13 @@ def test_what_a_statistic_of_time_cannot_be_is_named():
         "values must be .bodies, times.": lambda: ml.observe.spectrum(np.ones(9), 4, interval=1.0),
         "interval must be finite and not zero": lambda: ml.observe.spectrum(np.ones((1, 9)), 4, interval=0.0),
         "first_bad must be one integer": lambda: ml.observe.autocorrelation(np.ones((2, 9)), 4, first_bad=[3]),
+        "kT must be positive": lambda: ml.observe.Susceptibility(momentum, 4, kT=0.0),
+        "only statistics or none, but 'b' is an observable": lambda: ensemble(
+            {"a": ml.observe.Spectrum(momentum, 8), "b": speed}
+        ),
+        "statistics of one kind, but only a is over times": lambda: ensemble(
+            {"a": ml.observe.Spectrum(momentum, 8), "b": ml.observe.Mean(speed)}
+        ),
         "values of a statistic must be real": lambda: ensemble(
             ml.observe.Spectrum(lambda t, s: jax.lax.complex(t, t), 8)
         ),

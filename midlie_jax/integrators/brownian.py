@@ -6,8 +6,8 @@ With the mobility M = G^-1 in the body frame, the temperature kT and the torque 
 
 The torque-free part is a random rotation with a normal rotation vector. Its covariance has a term of second order, so
 that all averages agree with rotational diffusion up to h^3. Let L_i generate rotations about the axes, D = kT M with
-the eigenvalues d_i, and C the covariance. From [L_1, L_2] = L_3 the mean of exp(x . L) up to h^2 is that of
-exp(h sum_i d_i L_i^2) if
+the eigenvalues d_i, and C the covariance. From [L_1, L_2] = L_3 the mean of exp(x . L) equals exp(h sum_i d_i L_i^2) up
+to h^2 if
 
     C_1 = 2 h d_1 + h^2 (d_2 d_3 - (2/3) d_1 (d_2 + d_3)),    and likewise C_2, C_3;
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._checks.arguments import shown
 from ..drivers.ensemble import Batch
+from ..model.baths.with_bath import without_bath
 from .plan import Plan
 from .variables import MOST_IN_ATTRIBUTES, parameter, parameters
 
@@ -33,12 +34,14 @@ _READ = {
 def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
     """The description of the run, and the parameters that are equal for all bodies."""
     _, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    torque, bath = without_bath(torque)
     shared = parameters(batch.shared).items()
     return {
         "title": f"{plan.bodies} bodies moved by {batch.method.name}",
         "method": batch.method.name,
         "order": batch.method.order,
         "torque": "none" if torque is None else getattr(torque, "__name__", type(torque).__name__),
+        **({} if bath is None else {"bath": type(bath).__name__}),
         "state": type(start).__name__,
         "dtype": str(start.momentum.dtype),
         **({"dt": float(dt)} if not dt.ndim else {}),

@@ -15,6 +15,7 @@ from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
 from ..drivers.observe.series import Series
 from ..drivers.tables import COORDINATES, named
+from ..model.baths.with_bath import without_bath
 from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 
 MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
@@ -149,7 +150,8 @@ def coordinates(variables: Iterable[Variable]) -> tuple[Variables, Arrays]:
 def parameters(arguments: Any) -> Arrays:
     """The numbers of (body, torque, start, dt, t0) without `start`, by name."""
     body, torque, _, dt, t0 = arguments
-    arrays = eqx.filter({"body": body, "torque": torque, "dt": dt, "t0": t0}, eqx.is_array)
+    torque, bath = without_bath(torque)
+    arrays = eqx.filter({"body": body, "torque": torque, "bath": bath, "dt": dt, "t0": t0}, eqx.is_array)
     return {name: numbers(values) for name, values in named(arrays, ".").items()}
 
 

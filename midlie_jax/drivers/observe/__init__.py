@@ -6,11 +6,13 @@ same functions are observables: `observe=ml.observe.energy`.
 An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
 the device. It is a function of this module, a function of (t, state), an `Observable` such as `Axis()`, or a dict of
 these. A *statistic* (`Mean`, `Histogram`) combines these values over all bodies with trustworthy values at that time. A
-statistic of time (`Autocorrelation`, `Spectrum`) combines all values of each body, and then the bodies.
+statistic of time (`Autocorrelation`, `Spectrum`, `Susceptibility`) combines all values of each body, and then the
+bodies. A dict of statistics computes several in one run.
 
 Modules: `observables` (definition of an observable), `quantities` (common observables), `statistics` (over bodies at
-one time), `series` (over times), `autocorrelation` and `spectrum` (the two series), `spread` (means over bodies and
-their errors), `of_arrays` (the same for values in memory), `arguments` (the argument of the drivers).
+one time), `series` (over times), `autocorrelation`, `spectrum` and `susceptibility` (the series), `several` (a dict of
+statistics), `spread` (means over bodies and their errors), `of_arrays` (the same for values in memory), `arguments`
+(the argument of the drivers).
 """
 
 from ...model.observables import angular_velocity as angular_velocity
@@ -41,3 +43,5 @@ from .statistics import Histogram as Histogram
 from .statistics import Mean as Mean
 from .statistics import Moments as Moments
 from .statistics import Statistic as Statistic
+from .susceptibility import Response as Response
+from .susceptibility import Susceptibility as Susceptibility

@@ -12,6 +12,7 @@ from ...model.state import AnyState
 from ...model.torques import TorqueLike, on_body
 from .observables import Observable, as_observable
 from .series import Series
+from .several import several
 from .statistics import Statistic, promoted
 
 Observe = Observable | Statistic
@@ -27,7 +28,7 @@ class Values(Observable):
 
 
 def as_observe(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver: an observable, a statistic, or None for the states.
+    """The checked argument `observe` of a driver: an observable, a statistic, a dict of these, or None for the states.
 
     Raises:
         ValueError: it is none of these.
@@ -38,6 +39,8 @@ def as_observe(value: Any) -> Observe | None:
         >>> ml.observe.as_observe(None) is None  # the states are saved
         True
     """
+    if isinstance(value, dict) and any(isinstance(one, Statistic) for one in value.values()):
+        return several(value)
     return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
 
 
@@ -56,9 +59,10 @@ def as_observe_of_one(value: Any) -> Observe | None:
         ...     print(error)
         a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.
     """
-    if isinstance(value, Statistic) and not isinstance(value, Series):
+    observe = as_observe(value)
+    if isinstance(observe, Statistic) and not isinstance(observe, Series):
         raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
-    return as_observe(value)
+    return observe
 
 
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:

@@ -165,6 +165,10 @@ class Autocorrelation(Series):
         )
 
     def _sums(self, carried: Carried, counted: Array) -> Sums:
+        return sums_of(*self._terms(carried, counted), relative=self.normalised)
+
+    def _terms(self, carried: Carried, counted: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """The arguments of `sums_of` but the last."""
         dtype = carried.high.dtype
         count = jnp.where(counted, carried.counted, 0)
         found = jnp.where(counted[:, None], carried.high + carried.low, 0).T
@@ -178,7 +182,7 @@ class Autocorrelation(Series):
         shift = jnp.where(counted[None], mean[:, None] - reference, 0)  # (m, bodies)
         s = s - jnp.sum(shift[None] * a, axis=1) + terms * jnp.sum(shift**2, axis=0)[None]
         a = a - 2 * terms[:, None] * shift[None]
-        return sums_of(s, a, terms, mean, weight, relative=self.normalised)
+        return s, a, terms, mean, weight
 
     def _left_out(self, carried: Carried) -> Array:
         """(lags + 1, m2, n): the sums of the values that are no later factor, and of values that are no earlier one."""
@@ -186,7 +190,7 @@ class Autocorrelation(Series):
         ends = jnp.cumsum(carried.first, axis=1) + jnp.cumsum(last[:, ::-1], axis=1)
         return jnp.moveaxis(jnp.pad(ends, [(0, 0), (1, 0), (0, 0)]), 0, -1)
 
-    def of_sums(self, sums: Sums, interval: Array) -> Correlation:
+    def of_sums(self, sums: Sums, interval: Array) -> Any:
         value, error = mean_and_error(sums, relative=self.normalised)
         lag = jnp.arange(self.lags + 1, dtype=jnp.int32).astype(value.dtype) * interval.astype(value.dtype)
         return Correlation(lag, value, error, sums.number)
