@@ -268,6 +268,36 @@ class Stepper:
         """The state, in the user's axes."""
         return self._parts[-1].state(carry.progress.motion)
 
+    def with_state(self, carry: Carry, state: AnyState) -> Carry:
+        """The carry with another state, at the same index and with the same verdict: an impulse, noise, an estimate.
+
+        Args:
+            carry: as for `step`.
+            state: of the class, shape and dtype of the run, in the user's axes.
+
+        Raises:
+            ValueError: the state has another class, shape or dtype.
+
+        Examples:
+            >>> body, start = ml.RigidBody([5.0, 4.0, 1.0]), ml.RigidState([0.0, 0.0, 9.0], [1.0, 0.0, 0.0, 0.0])
+            >>> free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.01)
+            >>> carry = free.advance(free.init(), 50)
+            >>> kick = jnp.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])  # of the momentum, without a rotation
+            >>> carry = free.with_state(carry, free.state(carry).plus(kick))
+            >>> free.state(carry).momentum.round(6), int(carry.index)
+            (Array([0., 2., 9.], dtype=float64), 50)
+        """
+        _check_no_clock(carry)
+        method, *_, like, system = self._parts
+        _check_alike("state", state, like)
+        moved = method.begin(system, state, time_of(self.t0, self.dt, carry.index))
+        return Carry(carry.index, moved._replace(verdict=carry.progress.verdict), carry.kind)
+
+    def reads_momentum(self, torque: Any = None) -> bool:
+        """Whether a torque, by default the torque of all steps, depends on the momentum."""
+        system = self._parts[-1] if torque is None else self._system_under(torque, None, *self._parts[1:-1])
+        return system.reads_momentum
+
     def time(self, carry: Carry) -> Array:
         """The time, (), computed from the index."""
         _check_no_clock(carry)

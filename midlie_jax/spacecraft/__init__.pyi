@@ -8,3 +8,4 @@ from .eddy_currents import EddyCurrents as EddyCurrents
 from .free_molecular_drag import FreeMolecularDrag as FreeMolecularDrag
 from .gravity_gradient import GravityGradient as GravityGradient
 from .thrust import Thrust as Thrust
+from .wheels import DrivenWheels as DrivenWheels
