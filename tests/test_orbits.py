@@ -60,10 +60,8 @@ def exact(orbit, s):
 
 
 def elements(e, **more):
-    given = {"inclination": 0.4, "periapsis": Q, "time_of_periapsis": 0.0} | more
-    return orbits.KeplerOrbit.from_elements(
-        mu=MU, eccentricity=e, ascending_node=-1.0, argument_of_periapsis=2.0, **given
-    )
+    given = {"inclination": 0.4, "ascending_node": -1.0, "argument_of_periapsis": 2.0, "periapsis": Q}
+    return orbits.KeplerOrbit.from_elements(mu=MU, eccentricity=e, **given | {"time_of_periapsis": 0.0} | more)
 
 
 def anomalies(e, radii=1e4):
@@ -320,6 +318,21 @@ def test_a_table_that_is_left_under_jit_is_a_flag():
     assert not run(1.85)
 
 
+def test_a_table_of_a_field_is_interpolated_like_one_of_positions():
+    """With the same bits; and a run beyond it is refused."""
+    times = jnp.linspace(-1.0, 2.0, 61)
+    dipole = orbits.DipoleField(HYPERBOLA, [0.3, -0.2, -1.5], 1.0)
+    field = orbits.TableField(times, positions(dipole, times))
+    between = jnp.linspace(-1.0, 2.0, 997)
+    same = orbits.TableOrbit(times, field.values)
+    np.testing.assert_array_equal(positions(field, between), positions(same, between))
+    assert np.abs(positions(field, between) - positions(dipole, between)).max() < 1e-4
+    torque = torques.DipoleInField([0.0, 0.0, 0.1], field)
+    assert ml.integrate("JACOBI[EA]", BODY, torque, START, **RUN).ok
+    with pytest.raises(ValueError, match="torque holds a TableField from t = -1 to 2, but the run needs"):
+        ml.integrate("JACOBI[EA]", BODY, torque, START, **{**RUN, "steps": 61})
+
+
 def test_a_dipole_turns_with_its_planet():
     """In the frame of the planet its field is one that does not turn."""
     turning, moment, t = 0.7, jnp.array([0.3, -0.2, -1.5]), 1.3
@@ -335,6 +348,18 @@ def test_a_dipole_turns_with_its_planet():
     side = np.cross(earth, [0, 0, 1.0])
     there = orbits.DipoleField(lambda t: jnp.asarray(a * side / np.linalg.norm(side)), earth)
     assert np.linalg.norm(there(0.0)) == pytest.approx(2.981e-5, rel=1e-3)
+
+
+IN_KM = [7e3, 0.0, 0.0], [0.0, 7.5, 0.0]  # and km/s, about the Earth
+IN_METRES = [7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0]
+OF_EARTH = {"km": 3.986e5, "m": 3.986e14}
+
+
+def tabled_in(factor):
+    """A table with the velocities of a circle in other units."""
+    times = jnp.linspace(0.0, 900.0, 10)
+    circle = orbits.CircularOrbit(*IN_METRES, OF_EARTH["m"])
+    return orbits.TableOrbit(times, positions(circle, times), factor * positions(circle.velocity_at, times))
 
 
 FLAT = {"inclination": 0.0, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
@@ -360,6 +385,20 @@ THREE = np.eye(3)
         (lambda: elements(2.0, time_of_periapsis=None, true_anomaly=2.2), "true_anomaly must be where the orbit is"),
         (lambda: elements(0.5, inclination=97.4), "inclination must be between 0 and pi, got 97.4; give radians"),
         (lambda: elements(0.5, inclination=-0.1), "inclination must be between 0 and pi, got -0.1"),
+        (
+            lambda: elements(0.5, ascending_node=211.2),
+            "ascending_node must be between -2 pi and 2 pi, got 211.2; give rad",
+        ),
+        (lambda: elements(0.5, argument_of_periapsis=-17.6), "argument_of_periapsis must be between -2 pi and 2 pi"),
+        (
+            lambda: elements(0.5, time_of_periapsis=None, true_anomaly=85.6),
+            "true_anomaly must be between -2 pi and 2 pi",
+        ),
+        (lambda: orbits.KeplerOrbit(*IN_METRES, OF_EARTH["km"]), "orbit and mu must be in the same units"),
+        (lambda: orbits.KeplerOrbit(*IN_KM, OF_EARTH["m"]), "orbit and mu must be in the same units"),
+        (lambda: tabled_in(1e-3), "velocities must be in the units of positions and times, got speed"),
+        (lambda: tabled_in(1e3), "velocities must be in the units of positions and times"),
+        (lambda: orbits.TableField([0.0, 1.0], THREE), r"values must have shape \(2, 3\)"),
         (lambda: orbits.TableOrbit([0.0, 1.0, 1.0], THREE), r"times must ascend, but times\[2\] = 1.0 follows 1.0"),
         (lambda: orbits.TableOrbit([0.0, np.nan, 1.0], THREE), "times must be finite"),
         (lambda: orbits.TableOrbit([0.0], THREE[:1]), "at least 2"),
@@ -372,11 +411,6 @@ THREE = np.eye(3)
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-IN_KM = [7e3, 0.0, 0.0], [0.0, 7.5, 0.0]  # and km/s, about the Earth
-IN_METRES = [7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0]
-OF_EARTH = {"km": 3.986e5, "m": 3.986e14}
 
 
 def gradient_on(kind, place, speed, mu):

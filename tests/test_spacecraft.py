@@ -1,5 +1,7 @@
 """Ready torques of spacecraft: each against what it is known to do."""
 
+from datetime import datetime, timedelta, timezone
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -289,3 +291,44 @@ def test_a_moving_target_must_be_a_quaternion():
         run(ml.spacecraft.PDControl(lambda t: jnp.zeros(3), 1.0, 1.0), steps=10)
     with pytest.raises(ValueError, match="limit must be finite and not negative"):
         ml.spacecraft.PDControl(CIRCLE.lvlh, 1.0, 1.0, limit=-1.0)
+
+
+# ---- sidereal time ----
+
+
+@pytest.mark.parametrize(
+    ("epoch", "degrees"),
+    [
+        ("1992-08-20T12:14:00", 152.578787810),  # D. A. Vallado, Fundamentals of Astrodynamics (2013), example 3-5
+        ("2004-04-06T07:51:27.946047", 312.8098943),  # the same book, example 3-14, UT1
+        (2451545.0, 280.46061837),  # the definition (Aoki and others, 1982)
+        ("2000-01-01T12:00:00", 280.46061837),
+        (datetime(2000, 1, 1, 14, tzinfo=timezone(timedelta(hours=2))), 280.46061837),
+    ],
+)
+def test_sidereal_time_is_as_published(epoch, degrees):
+    assert np.degrees(ml.spacecraft.gmst(epoch)) == pytest.approx(degrees, abs=1.2e-7)  # of dates in days, in double
+
+
+@pytest.mark.parametrize("epoch", ["1950-01-01T00:00:00", "1999-12-31T23:59:59.5", "2026-04-13T21:45:00", 2461144.25])
+def test_sidereal_time_is_that_of_astropy(epoch):
+    """Which evaluates the same formula by ERFA; a Julian date has a rounding of 3e-9 rad."""
+    time = pytest.importorskip("astropy.time")
+    given = time.Time(epoch, scale="ut1", format="jd" if isinstance(epoch, float) else "isot")
+    right = given.sidereal_time("mean", "greenwich", model="IAU1982").rad
+    assert ml.spacecraft.gmst(epoch) == pytest.approx(right, abs=1e-13)
+    assert ml.spacecraft.gmst(float(given.jd)) == pytest.approx(right, abs=3e-9)
+
+
+@pytest.mark.parametrize(
+    ("epoch", "message"),
+    [
+        (53101.3, "epoch must be a Julian date from 1800 to 2200, got 53101.3; add 2400000.5"),
+        (float("nan"), "epoch must be a Julian date"),
+        ("2026-13-01T00:00:00", "epoch must be an existing date"),
+        ("13 April 2026", "epoch must be an epoch such as"),
+    ],
+)
+def test_an_epoch_that_is_none_is_refused(epoch, message):
+    with pytest.raises(ValueError, match=message):
+        ml.spacecraft.gmst(epoch)

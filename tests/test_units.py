@@ -177,7 +177,7 @@ OBSERVED = {"Axis", "Function", "Observable", "Together"}
 # Functions that run others, or take numbers without units: names, keys, points of no dimension.
 RUNS = {
     *("check", "ensemble", "fit", "integrate", "integrate_variable_step", "method", "methods", "recommend", "scatter"),
-    *("simulate", "stepper", "checkerboard", "read", "write_xyz", "register_for_export"),
+    *("simulate", "stepper", "checkerboard", "read", "write_xyz", "register_for_export", "gmst"),
 }
 
 

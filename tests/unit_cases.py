@@ -232,6 +232,7 @@ ORBITS = {
         lambda u: elements(u, 0.3, semi_major_axis=u(3.0, LENGTH), mean_anomaly=u(0.3), epoch=u(0.5, TIME)), LENGTH
     ),
     "TableOrbit": at(table, LENGTH),
+    "TableField": at(lambda u: orbits.TableField(table(u).times, u(np.cos(np.arange(18.0).reshape(6, 3)))), NUMBER),
     "DipoleField": at(lambda u: orbits.DipoleField(ellipse(u), u(VECTOR, LENGTH), u(2.0, AREA), u(0.5, RATE)), NUMBER),
 }
 DENSITIES = {
@@ -353,6 +354,18 @@ FUNCTIONS = {
         lambda u: (u(6.0, LENGTH), u(0.5, LENGTH), u(3.0, DENSITY), u(2.0, (-1, 1, -2))),
         ((INERTIA, MASS), (LENGTH, FORCE, (3, 1, -2)), (MOMENTUM, NUMBER, PUSH, LENGTH)),
     ),
+    "DrivenWheels": of(
+        lambda *numbers: _driven(*numbers),
+        lambda u: (
+            *alone(u),
+            u(0.25, TIME),
+            u([0.4, -0.2], MOMENTUM),
+            u(0.5, TORQUE),
+            u(0.1, FRICTION),
+            u(0.2, INERTIA),
+        ),
+        ((MOMENTUM, NUMBER), MOMENTUM),
+    ),
     "EllipsoidBrightness": of(lambda light, state: light(0.0, state), light, AREA),
     "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
     "energy in a run": of(observed(ml.observe.energy), scene, ENERGY),
@@ -368,6 +381,14 @@ def _joined(moments: Any, mass: Any, place: Any) -> Any:
     body, centre = ml.joined([(ml.RigidBody(moments), mass, place), (None, 2 * mass, -place)])
     assert isinstance(body.body, ml.TensorBody)
     return body.body.tensor, body.mass, centre
+
+
+def _driven(body: Any, state: Any, dt: Any, momenta: Any, motor: Any, friction: Any, inertia: Any) -> Any:
+    axes = jnp.asarray([[0, 0, 1], [1, 0, 0]], dt.dtype)
+    wheels = ml.spacecraft.DrivenWheels(axes, motor, 1.2 * momenta[0], friction, inertia)
+    free = ml.stepper("JACOBI[EA]", body, None, state, dt=dt)
+    carry, momenta = wheels.advance(free, free.init(), momenta, jnp.stack([2 * motor, -motor]), 4)
+    return free.state(carry), momenta
 
 
 def _rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:

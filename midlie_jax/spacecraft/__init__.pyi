@@ -7,5 +7,6 @@ from .control import ReactionWheels as ReactionWheels
 from .eddy_currents import EddyCurrents as EddyCurrents
 from .free_molecular_drag import FreeMolecularDrag as FreeMolecularDrag
 from .gravity_gradient import GravityGradient as GravityGradient
+from .sidereal_time import gmst as gmst
 from .thrust import Thrust as Thrust
 from .wheels import DrivenWheels as DrivenWheels

@@ -16,7 +16,16 @@ from .. import so3
 _LEAST_RATIO, _LARGEST_RATIO = 1e-5, 1e7
 
 
-class Orbit(eqx.Module):
+class Timed(eqx.Module):
+    """A vector as a function of time, which may have limits; the drivers check them before a run."""
+
+    @property
+    def span(self) -> tuple[Any, Any] | None:
+        """The first and the last time at which the vector is known; None without limits."""
+        return None
+
+
+class Orbit(Timed):
     """A position in space as a function of time: `orbit(t) -> (..., 3)`, length, for one time or several.
 
     Examples:
@@ -27,11 +36,6 @@ class Orbit(eqx.Module):
         >>> Line(7.5)(jnp.array([0.0, 10.0])).shape, Line(7.5).velocity_at(10.0)
         ((2, 3), Array([7.5, 0. , 0. ], dtype=float64))
     """
-
-    @property
-    def span(self) -> tuple[Any, Any] | None:
-        """The first and the last time at which the position is known; None without limits."""
-        return None
 
     def known(self) -> tuple[Any, Any] | None:
         """Positions (..., 3) and velocities (..., 3) known without a time, for the check of units; or None."""
@@ -86,7 +90,7 @@ def check_units(orbit: Any, mu: Any) -> None:
         )
 
 
-def orbits_in(tree: Any) -> list[Orbit]:
-    """All orbits in a torque or a density, at any depth."""
-    leaves = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, Orbit))
-    return [leaf for leaf in leaves if isinstance(leaf, Orbit)]
+def orbits_in(tree: Any) -> list[Timed]:
+    """All orbits and tables in a torque or a density, at any depth."""
+    leaves = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, Timed))
+    return [leaf for leaf in leaves if isinstance(leaf, Timed)]

@@ -39,6 +39,7 @@ def of_elements(
     epoch = as_floats("epoch", 0.0 if epoch is None else epoch)
     cosine, sine = jnp.ones_like(q), jnp.zeros_like(q)
     if place_name == "true_anomaly":
+        require(place_name, place, _within_a_turn, "must be between -2 pi and 2 pi", "give radians.")
         fits = _pair(lambda anomaly, e: 1 + e * np.cos(anomaly) > 0, e)
         require(place_name, place, fits, "must be where the orbit is", "a hyperbola has 1 + e cos(anomaly) > 0.")
         cosine, sine, time = jnp.cos(place), jnp.sin(place), epoch
@@ -55,8 +56,10 @@ def of_elements(
     )
     for name, value in (("inclination", inclination), ("ascending_node", node), ("argument_of_periapsis", argument)):
         require_finite(name, value)
-    within = "must be between 0 and pi"
-    require("inclination", inclination, _is_inclination, within, "give radians, for example by np.deg2rad.")
+    radians = "give radians, for example by np.deg2rad."
+    require("inclination", inclination, _is_inclination, "must be between 0 and pi", radians)
+    for name, value in (("ascending_node", node), ("argument_of_periapsis", argument)):
+        require(name, value, _within_a_turn, "must be between -2 pi and 2 pi", radians)
     q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
         *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
     )
@@ -70,6 +73,10 @@ def of_elements(
 
 def _is_inclination(angle: np.ndarray) -> Any:
     return (angle >= -_ROUNDED) & (angle <= np.pi + _ROUNDED)
+
+
+def _within_a_turn(angle: np.ndarray) -> Any:
+    return np.abs(angle) <= 2 * np.pi + _ROUNDED
 
 
 def _axes(inclination: Array, node: Array, argument: Array) -> tuple[cp.Vector, cp.Vector]:

@@ -13,7 +13,7 @@ from ..._math import components as cp
 from ..._math import universal
 from ..._math.universal import Place
 from ..._xla.fusion import split
-from .base import Orbit
+from .base import Orbit, check_units
 from .elements import of_elements
 from .units import Units
 
@@ -38,9 +38,9 @@ class KeplerOrbit(Orbit):
         epoch: the time at which the orbit has this position and velocity, (), by default 0.
 
     Raises:
-        ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, or a
-            radial velocity, for which there is no orbit past the centre. If such numbers are traced, the positions are
-            NaN, so `path.ok` is False.
+        ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, a
+            radial velocity, for which there is no orbit past the centre, or a speed that is not in the units of mu. If
+            such numbers are traced, the positions are NaN where no orbit exists, so `path.ok` is False.
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s
@@ -72,6 +72,7 @@ class KeplerOrbit(Orbit):
                     "velocity must not be along the position, or zero, because such an orbit falls into the "
                     "centre; give it a part across the position."
                 )
+        check_units(self, self.mu)
 
     @classmethod
     def from_elements(
@@ -112,7 +113,7 @@ class KeplerOrbit(Orbit):
 
         Raises:
             ValueError: not exactly one of the alternatives, an element out of range or not finite; an inclination above
-                pi, such as one in degrees.
+                pi or another angle above 2 pi, such as one in degrees.
         """
         mu, eccentricity = as_floats("mu", mu), as_floats("eccentricity", eccentricity)
         sizes, places = (

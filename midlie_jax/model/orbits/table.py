@@ -1,4 +1,4 @@
-"""An orbit from a table of positions at given times, such as an ephemeris."""
+"""Tables at given times: an orbit from positions, such as an ephemeris, and a field along an orbit."""
 
 from typing import Any
 
@@ -12,10 +12,11 @@ from ..._checks.arguments import as_floats, require_finite, require_resolved
 from ..._math import components as cp
 from ..._math.powers import unit
 from ..._xla.fusion import split
-from .base import Orbit
+from .base import Orbit, Timed
 
 _EVEN = 1e-5  # times closer than this fraction of an interval to even ones are found by arithmetic
 _SLACK = 16  # units in the last place by which a time computed as t0 + n dt may leave the table
+_UNLIKELY = 100.0  # speed times interval over the distance of two rows; kilometres for metres change it by 1000
 _NEIGHBOURS = 5  # positions from which a slope is computed
 
 
@@ -40,8 +41,8 @@ class TableOrbit(Orbit):
         velocities: of the same shape, length/time: as given, or the slopes.
 
     Raises:
-        ValueError: times not ascending, fewer than 2, too close for their dtype, or wrong shapes; or a value that is
-            not finite.
+        ValueError: times not ascending, fewer than 2, too close for their dtype, or wrong shapes; a value that is not
+            finite; or velocities that are everywhere 100 times smaller or larger than the changes of the positions.
 
     Examples:
         >>> times = np.arange(0.0, 601.0, 60.0)
@@ -59,14 +60,7 @@ class TableOrbit(Orbit):
     even: bool = eqx.field(static=True)
 
     def __init__(self, times: Any, positions: Any, velocities: Any = None):
-        self.times = as_floats("times", times)
-        if self.times.ndim != 1 or self.times.size < 2:
-            raise ValueError(f"times must have shape (k,) with k at least 2, got {self.times.shape}.")
-        require_finite("times", self.times)
-        require_resolved("times", times, self.times.dtype)
-        self.even = False
-        if not cp.is_traced(self.times):
-            self.even = _are_even(np.asarray(self.times, np.float64))
+        self.times, self.even = _as_times(times)
         shape = (self.times.size, 3)
         self.positions = as_floats("positions", positions, shape)
         require_finite("positions", self.positions)
@@ -79,6 +73,7 @@ class TableOrbit(Orbit):
                 raise ValueError(
                     f"velocities must have the shape of positions, {self.positions.shape}, got {self.velocities.shape}."
                 )
+            _require_fitting(self.times, self.positions, self.velocities)
 
     @property
     def span(self) -> tuple[Array, Array]:
@@ -88,27 +83,103 @@ class TableOrbit(Orbit):
         return self.positions, self.velocities
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        first, last = self.span
-        count = self.times.shape[0]
-        if self.even:
-            row = jnp.floor((t - first) * ((count - 1) / (last - first))).astype(jnp.int32)
-        else:
-            row = jnp.searchsorted(self.times, t, side="right").astype(jnp.int32) - 1
-        row = jnp.clip(row, 0, count - 2)
-        begin, end = self.times[row], self.times[row + 1]
-        h = end - begin
-        x = (t - begin) / h
-        y = 1 - x
-        a, b = (cp.vector(self.positions[..., n, :]) for n in (row, row + 1))
-        va, vb = (cp.vector(self.velocities[..., n, :]) for n in (row, row + 1))
-        slack = _SLACK * cp.epsilon(first) * jnp.maximum(jnp.abs(first), jnp.abs(last))
-        outside = (t < first - slack) | (t > last + slack)
-        x = jnp.where(outside, jnp.full_like(x, jnp.nan), x)
-        rise = cp.subtract(b, a)
-        place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
-        bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
-        # The loop ends here, so a torque rounds the same way however the compiler reads the rows.
-        return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
+        return _between(t, self.times, self.even, self.positions, self.velocities)
+
+
+class TableField(Timed):
+    """A vector field along an orbit from its values at given times, such as the magnetic field of a model.
+
+    It is interpolated like a `TableOrbit` without velocities, with an error of order 4 in the time between two rows.
+    Outside its times the field is NaN. A run raises an error before it starts if its times are known.
+
+    Attributes:
+        times: ascending, (k,), at least 2.
+        values: the field at these times, space frame, (k, 3); with leading axes for several orbits.
+        slopes: its derivatives at these times, computed from the values.
+
+    Raises:
+        ValueError: as for `TableOrbit`.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)
+        >>> dipole = ml.orbits.DipoleField(orbit, moment=[0.0, 0.0, -7.7e22])
+        >>> times = jnp.arange(0.0, 601.0, 30.0)
+        >>> field = ml.orbits.TableField(times, jax.vmap(dipole)(times))
+        >>> bool(jnp.abs(field(95.0) - dipole(95.0)).max() < 1e-9)  # tesla
+        True
+        >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)
+    """
+
+    times: Float[Array, " k"]
+    values: Float[Array, "*batch k 3"]
+    slopes: Float[Array, "*batch k 3"]
+    even: bool = eqx.field(static=True)
+
+    def __init__(self, times: Any, values: Any):
+        self.times, self.even = _as_times(times)
+        self.values = as_floats("values", values, (self.times.size, 3))
+        require_finite("values", self.values)
+        self.slopes = _slopes(self.times, self.values)
+
+    @property
+    def span(self) -> tuple[Array, Array]:
+        return self.times[0], self.times[-1]
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        return _between(t, self.times, self.even, self.values, self.slopes)
+
+
+def _as_times(times: Any) -> tuple[Array, bool]:
+    """The times of a table, and whether they are even."""
+    found = as_floats("times", times)
+    if found.ndim != 1 or found.size < 2:
+        raise ValueError(f"times must have shape (k,) with k at least 2, got {found.shape}.")
+    require_finite("times", found)
+    require_resolved("times", times, found.dtype)
+    return found, not cp.is_traced(found) and _are_even(np.asarray(found, np.float64))
+
+
+def _between(t: Any, times: Array, even: bool, values: Array, slopes: Array) -> Array:
+    """Cubic Hermite interpolation of values (..., k, 3) with their derivatives."""
+    first, last = times[0], times[-1]
+    count = times.shape[0]
+    if even:
+        row = jnp.floor((t - first) * ((count - 1) / (last - first))).astype(jnp.int32)
+    else:
+        row = jnp.searchsorted(times, t, side="right").astype(jnp.int32) - 1
+    row = jnp.clip(row, 0, count - 2)
+    begin, end = times[row], times[row + 1]
+    h = end - begin
+    x = (t - begin) / h
+    y = 1 - x
+    a, b = (cp.vector(values[..., n, :]) for n in (row, row + 1))
+    va, vb = (cp.vector(slopes[..., n, :]) for n in (row, row + 1))
+    slack = _SLACK * cp.epsilon(first) * jnp.maximum(jnp.abs(first), jnp.abs(last))
+    outside = (t < first - slack) | (t > last + slack)
+    x = jnp.where(outside, jnp.full_like(x, jnp.nan), x)
+    rise = cp.subtract(b, a)
+    place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
+    bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
+    # The loop ends here, so a torque rounds the same way however the compiler reads the rows.
+    return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
+
+
+def _require_fitting(times: Array, positions: Array, velocities: Array) -> None:
+    """Raises if every speed differs by a large factor from the positions' differences, as in other units."""
+    if cp.is_traced(times, positions, velocities):
+        return
+    way = np.linalg.norm(np.diff(np.asarray(positions, np.float64), axis=-2), axis=-1)
+    speeds = np.linalg.norm(np.asarray(velocities, np.float64), axis=-1)
+    covered = np.maximum(speeds[..., 1:], speeds[..., :-1]) * np.diff(np.asarray(times, np.float64))
+    moves = way > 0
+    if not moves.any():
+        return
+    ratios = covered[moves] / way[moves]
+    if ratios.max() < 1 / _UNLIKELY or ratios.min() > _UNLIKELY:
+        raise ValueError(
+            "velocities must be in the units of positions and times, got speed * interval / distance from "
+            f"{ratios.min():.2g} to {ratios.max():.2g}; convert them."
+        )
 
 
 def _are_even(times: np.ndarray) -> bool:
