@@ -1,5 +1,6 @@
-"""The functions of docs/orbits.md that read the ephemerides of other programs, against these programs."""
+"""The functions of docs/orbits.md that read ephemerides and fields of other programs, against these programs."""
 
+from datetime import datetime
 from functools import cache
 
 import jax
@@ -20,9 +21,10 @@ BETWEEN = np.arange(3.0, 5990.0, 7.0)
 def page():
     """The names that the blocks of the page from which the ephemerides are read define."""
     pytest.importorskip("sgp4")
-    names = {"ml": ml, "np": np}
+    names = {"ml": ml, "np": np, "jax": jax, "jnp": jnp}
+    functions = "def from_tle", "def from_spice", "def to_celestial", "def igrf"
     for block in blocks(ROOT / "docs" / "orbits.md"):
-        if "def from_tle" in block or "def from_spice" in block or "def to_celestial" in block:
+        if any(function in block for function in functions):
             exec(block, names)
     return names
 
@@ -90,3 +92,22 @@ def test_frames_of_astropy():
     # Velocities are the slopes of the positions.
     slopes = ml.orbits.TableOrbit(turned.times, turned.positions).velocities
     assert np.abs(slopes - turned.velocities)[2:-2].max() < 1e-1
+
+
+def test_the_field_of_igrf():
+    """Its first degree is the dipole that rotates with the Earth; the whole is ppigrf's where its meridian is x."""
+    igrf = pytest.importorskip("ppigrf.ppigrf")
+    epoch, seconds = datetime(2020, 1, 1, 6, 30), np.arange(0.0, 6001.0, 30.0)
+    circle = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 0.3, 1.0], 3.986004418e14)
+    g, h = (table.loc[datetime(2020, 1, 1)] for table in igrf.read_shc())
+    moment = 1e-9 * 6371200.0**3 / 1e-7 * np.array([g[1, 1], h[1, 1], g[1, 0]])
+    greenwich = ml.so3.exp(jnp.array([0.0, 0.0, ml.spacecraft.gmst(epoch)]))
+    dipole = ml.orbits.DipoleField(circle, ml.so3.rotate(greenwich, jnp.asarray(moment)), turning=7.292115e-5)
+    table, times = page()["igrf"](circle, seconds, epoch, max_degree=1), jnp.asarray(BETWEEN)
+    found, right = (np.asarray(jax.vmap(field)(times)) for field in (table, dipole))
+    assert np.abs(found - right).max() < 1e-9  # tesla; six hours of secular variation, and the interpolation
+    whole = page()["igrf"](circle, seconds, epoch)
+    at_start = igrf.igrf_gc(7000.0, 90.0, -np.degrees(ml.spacecraft.gmst(epoch)), epoch)
+    up, south, east = (1e-9 * part.item() for part in at_start)
+    np.testing.assert_allclose(whole(0.0), [up, east, -south], rtol=1e-12)
+    assert 1e-7 < np.abs(np.asarray(jax.vmap(whole)(times)) - right).max() < 2e-5  # the other degrees
