@@ -1,0 +1,103 @@
+"""Cases of spacecraft and free bodies that others publish, each with its source."""
+
+from itertools import permutations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import midlie_jax as ml
+
+DEGREE = np.pi / 180
+LEVEL = [1.0, 0.0, 0.0, 0.0]
+
+
+def test_the_moments_of_echostar_ii_from_its_parts():
+    """A box and two panels (B. Wie): 9512.47, 1771.27 and 9608.57 kg m^2."""
+
+    def box(mass, x, y, z):
+        return ml.RigidBody([mass * (y**2 + z**2) / 12, mass * (z**2 + x**2) / 12, mass * (x**2 + y**2) / 12])
+
+    panels = [(box(60.0, 3.1, 8.5, 0.0), 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
+    craft, centre = ml.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *panels])
+    np.testing.assert_allclose(np.diag(craft.body.tensor), [9512.47, 1771.27, 9608.57], atol=0.005)
+    np.testing.assert_allclose(centre, 0, atol=1e-15)
+
+
+@pytest.mark.parametrize("order", [*permutations(range(3))])
+def test_a_free_body_of_orekit(order):
+    """`TorqueFreeTest`: the spatial momentum stays, and the body momentum has a period of 686.15256 s."""
+    order = list(order)
+    body = ml.RigidBody(np.array([3 / 8, 1 / 2, 5 / 8])[order])
+    start = ml.RigidState.from_velocity(body, np.array([0.05, 0.0, 0.04])[order], LEVEL)
+    states = ml.free_motion(body, start, jnp.linspace(-40.0, 40.0, 81)).states
+    spatial = np.asarray(ml.observe.spatial_momentum(states))
+    size = np.linalg.norm(start.momentum)
+    assert np.abs(spatial - np.asarray(start.momentum)).max() < 2e-15 * size * 10
+    after = ml.free_motion(body, start, jnp.array([686.15256])).states.momentum[0]
+    np.testing.assert_allclose(after, start.momentum, atol=2.6e-9)  # half of the last digit
+
+
+def test_nearly_degenerate_free_bodies_of_principia():
+    """`euler_solver_test`: a period near the separatrix, a rate of two equal moments, and finite at the ends."""
+    body, start = ml.RigidBody([3.0, 5.0, 9.0], physical=False), ml.MomentumState([0.0, 2.0, 0.01])
+    times = 118.11089 * jnp.array([0.5, 1.0])
+    half, whole = ml.free_motion(body, start, times).states.momentum
+    np.testing.assert_allclose(whole, start.momentum, atol=2e-7)
+    np.testing.assert_allclose(half, start.momentum * jnp.array([1.0, -1.0, -1.0]), atol=0.03)
+    symmetric = ml.RigidBody([3.0, 3.0, 9.0], physical=False)
+    quarter = np.pi / 2 / 1.5555556
+    turned = ml.free_motion(symmetric, ml.MomentumState([0.0, 5.0, 7.0]), jnp.array([quarter])).states.momentum[0]
+    np.testing.assert_allclose(np.abs(turned), [5.0, 0.0, 7.0], atol=1e-6)
+    for momentum in ([1e-300, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]):
+        path = ml.free_motion(ml.RigidBody([2.0, 3.0, 5.0]), ml.RigidState(momentum, LEVEL), jnp.array([3.0]))
+        assert bool(jnp.all(path.ok))
+
+
+def test_the_separatrix():
+    """A. Jadczyk's notes: the body stands on the separatrix between both rotations."""
+    body, start = ml.RigidBody([1.0, 2.0, 3.0]), ml.RigidState([0.5, 0.0, np.sqrt(3) / 2], LEVEL)
+    found = ml.free_motion(body, start, jnp.array([10.0, 20.0])).states.momentum
+    right = [[0.0555843, 0.9938016, 0.0962747], [0.0031088, 0.9999807, 0.0053846]]
+    np.testing.assert_allclose(found, right, atol=6e-8)
+
+
+def test_toutatis_over_23_days():
+    """Takahashi, Busch and Scheeres (2013), as in Principia: rates in degrees per day and Euler angles ZXZ."""
+    body = ml.RigidBody([3.0836, 3.235, 1.0])
+    attitude = ml.so3.from_euler(DEGREE * jnp.array([147.5, 63.9, 241.5]), "ZXZ")
+    start = ml.RigidState.from_velocity(body, DEGREE * np.array([14.5, 33.7, -98.5]), attitude)
+    end = ml.free_motion(body, start, jnp.array([23.159872685])).states
+    rates = np.asarray(ml.observe.angular_velocity(body, end))[0] / DEGREE
+    np.testing.assert_allclose(rates, [-38.5472, 1.4563, -97.1380], atol=6e-5)
+    angles = np.asarray(ml.so3.to_euler(end.attitude, "ZXZ"))[0] / DEGREE % 360
+    np.testing.assert_allclose(angles, [115.5176, 81.9609, 110.6934], atol=6e-5)
+
+
+def test_moments_that_fall_without_torque():
+    """RocketPy 1195: I(t) = I0 (1 - 0.1 t) keeps the momentum, so the rate is L / I(t)."""
+    body, start = ml.RigidBody([5.0, 4.0, 3.0]), ml.RigidState([0.0, 0.0, 0.6], LEVEL)
+    free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.05)
+
+    def step(carry, _):
+        return free.step(carry, body=ml.RigidBody(body.moments * (1 - 0.1 * (free.time(carry) + 0.025)))), None
+
+    carry, _ = jax.lax.scan(step, free.init(), length=100)
+    momentum = free.state(carry).momentum
+    np.testing.assert_allclose(momentum, start.momentum, atol=1e-15)
+    np.testing.assert_allclose(momentum[2] / (3.0 * 0.5), 0.2 / 0.5, rtol=1e-14)
+    angle = 2 * np.arctan2(*np.asarray(free.state(carry).attitude)[[3, 0]])
+    assert angle == pytest.approx(0.2 * 10 * np.log(2), rel=1e-4)  # the integral of the rate
+
+
+def test_the_box_of_the_boxes_benchmark():
+    """S. Peters' boxes: 10 s of free flight under gravity; energy 368.5464167 J, position (-20, 20, -410) m."""
+    body = ml.FreeBody(ml.RigidBody([0.80833333, 0.68333333, 0.14166667]), 10.0)
+    start = ml.FreeState.from_velocity(body, [0.1, 5.0, 0.1], LEVEL, [-2.0, 2.0, 8.0], [0.0, 0.0, 0.0])
+    weight = ml.torques.UniformGravity([0.0, 0.0, -9.8])
+    path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=1000, save_every=100)
+    assert float(ml.observe.kinetic_energy(body, start)) == pytest.approx(368.5464167, abs=2e-7)
+    energy = np.asarray(ml.observe.energy(body, weight, path))
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)  # of terms a hundred times larger
+    np.testing.assert_allclose(path.states.position[-1], [-20.0, 20.0, -410.0], atol=1e-10)
