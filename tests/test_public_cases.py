@@ -1,6 +1,7 @@
 """Cases of spacecraft and free bodies that others publish, each with its source."""
 
 from itertools import permutations
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ def test_the_moments_of_echostar_ii_from_its_parts():
         return ml.RigidBody([mass * (y**2 + z**2) / 12, mass * (z**2 + x**2) / 12, mass * (x**2 + y**2) / 12])
 
     panels = [(box(60.0, 3.1, 8.5, 0.0), 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
+    craft: Any
     craft, centre = ml.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *panels])
     np.testing.assert_allclose(np.diag(craft.body.tensor), [9512.47, 1771.27, 9608.57], atol=0.005)
     np.testing.assert_allclose(centre, 0, atol=1e-15)
@@ -78,7 +80,7 @@ def test_toutatis_over_23_days():
 def test_moments_that_fall_without_torque():
     """RocketPy 1195: I(t) = I0 (1 - 0.1 t) keeps the momentum, so the rate is L / I(t)."""
     body, start = ml.RigidBody([5.0, 4.0, 3.0]), ml.RigidState([0.0, 0.0, 0.6], LEVEL)
-    free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.05)
+    free: Any = ml.stepper("JACOBI[EA]", body, None, start, dt=0.05)
 
     def step(carry, _):
         return free.step(carry, body=ml.RigidBody(body.moments * (1 - 0.1 * (free.time(carry) + 0.025)))), None

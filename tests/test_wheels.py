@@ -1,6 +1,7 @@
 """`DrivenWheels` in a control loop, and `Stepper.with_state`: against laws, closed forms and SciPy."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ COMMAND, HELD = jnp.array([0.01, -0.02, 0.015, 0.005]), jnp.array([0.1, 0.2, -0.
 wheels_of = partial(ml.spacecraft.DrivenWheels, SLANTED)
 
 
-def stepper(dt=0.05, body=BODY, start=START, torque=None):
+def stepper(dt=0.05, body=BODY, start=START, torque=None) -> Any:
     return ml.stepper("JACOBI[EA]", body, torque, start, dt=dt)
 
 
@@ -156,6 +157,10 @@ PLAIN = ml.spacecraft.DrivenWheels(jnp.eye(3))
         (lambda: wheels_of(friction=1.0, inertia=0.0), "inertia must be positive"),
         (lambda: wheels_of(friction=0.0, inertia=1.0), "friction must be positive"),
         (lambda: PLAIN.advance(stepper(), stepper().init(), jnp.zeros(3), jnp.zeros(4)), "command must have shape"),
+        (
+            lambda: wheels_of(momentum=0.1).advance(stepper(), stepper().init(), HELD, COMMAND),
+            r"momenta must be within the limit of the wheels, got .*; raise momentum=",
+        ),
         (
             lambda: PLAIN.advance(
                 stepper(torque=ml.torques.Damping(0.1)), stepper().init(), jnp.zeros(3), jnp.zeros(3)

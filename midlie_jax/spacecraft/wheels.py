@@ -13,6 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from .._checks.arguments import as_count, as_floats, require, require_finite
+from .._math import components as cp
 from ..drivers.stepper import Carry, Stepper
 from ..model import so3
 from ..model.state import AnyState
@@ -110,11 +111,14 @@ class DrivenWheels(eqx.Module):
             torque, body: as for `Stepper.advance`; for external torques that are held, such as magnetic torquers.
 
         Raises:
-            ValueError: momenta or command of another shape; several bodies or no attitude; a torque that reads the
-                momentum; or as for `Stepper.advance`.
+            ValueError: momenta or command of another shape, or momenta beyond the limit; several bodies or no attitude;
+                a torque that reads the momentum; or as for `Stepper.advance`.
         """
         dtype = stepper.dt.dtype
         momenta, command = (self._one_each(name, x, dtype) for name, x in (("momenta", momenta), ("command", command)))
+        if (most := self.momentum) is not None and not cp.is_traced(most):
+            within = "must be within the limit of the wheels"
+            require("momenta", momenta, lambda x: np.abs(x) <= np.asarray(most), within, "raise momentum=.")
         if stepper.reads_momentum(torque):
             raise ValueError("torque must not read the momentum, which contains the wheels there. Hold its value.")
         motor = command if self.torque is None else jnp.clip(command, -self.torque, self.torque)
