@@ -71,7 +71,7 @@ class Orbit(Timed):
         return so3.from_matrix(jnp.stack([jnp.cross(left, down), left, down], axis=-1))
 
 
-def check_units(orbit: Any, mu: Any) -> None:
+def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str = "pass lambda t: orbit(t)") -> None:
     """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle.
 
     On a hyperbola it exceeds 2, and far from the mass it is large, so the limits are wide. An orbit at rest is not
@@ -83,10 +83,10 @@ def check_units(orbit: Any, mu: Any) -> None:
     r, v = (np.linalg.norm(np.asarray(x, np.float64), axis=-1) for x in rows)
     ratios, mu = v * v * r, np.asarray(mu, np.float64)
     least, largest = float(ratios.min() / mu.max()), float(ratios.max() / mu.min())
-    if 0 < largest < _LEAST_RATIO or least > _LARGEST_RATIO:
+    if 0 < largest < _LEAST_RATIO or least > fastest:
         raise ValueError(
             f"orbit and mu must be in the same units, got speed^2 distance / mu from {least:.2g} to {largest:.2g}. "
-            "Convert one, or pass lambda t: orbit(t)."
+            f"Convert one, or {cure}."
         )
 
 
