@@ -9,9 +9,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax.cli.flight import free_flight
 from midlie_jax.cli.main import main
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,13 +50,14 @@ def test_the_moments_and_rates_of_a_file_are_found_and_drawn(data, tmp_path):
     assert "74 angular velocities at 25 times" in out
     found = {name: float(value) for name, value in re.findall(r"^(\w+\[\d\](?: / \w+\[\d\])?)\s+(-?[\d.]+)", out, re.M)}
     for i in range(3):
-        assert abs(found[f"rate[{i}]"] - RATE[i]) < 1e-8
+        assert abs(found[f"rate[{i}]"] - np.rad2deg(RATE[i])) < 1e-6  # in the unit of the file
         assert abs(found[f"moments[{i}]"] - MOMENTS[i]) < 1e-8  # their sum is 5.5, which the fit keeps
     assert abs(found["moments[0] / moments[2]"] - MOMENTS[0] / MOMENTS[2]) < 1e-8
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 GOOD = "t,x,y,z\n0,1,2,3\n1,1,2,3\n"
+DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
 
 
 @pytest.mark.parametrize(
@@ -94,6 +97,20 @@ GOOD = "t,x,y,z\n0,1,2,3\n1,1,2,3\n"
         ),
         (GOOD, ["--magnetometer", "x", "y", "z"], "give --sigma and --magnetometer-sigma"),
         (GOOD, ["--hard-iron"], "--hard-iron needs --magnetometer"),
+        (GOOD, ["--tracker", "x", "y", "z", "t"], "give --sigma and --tracker-sigma"),
+        (GOOD, ["--space-to-body"], "--space-to-body needs --tracker"),
+        (DATED, ["--time-unit", "ms"], "--time-unit must be left out for dates"),
+        (DATED, ["--from", "2026-01-01T00:00:01"], "--from 2026-01-01T00:00:01 must have a zone like Z"),
+        (DATED, ["--from", "noon"], "--from must be a number or a date such as"),
+        (DATED, ["--from", "1.1"], "its times go from 2026-01-01T00:00:00.000000Z to 2026-01-01T00:00:01.000000Z"),
+        (GOOD, ["--to", "2026-01-01T00:00:01"], "--to 2026-01-01T00:00:01 must be a number, like the times"),
+        (DATED + "2026-02-30T00:00:00Z,1,2,3\n", [], "line 4: t must be an existing date and time"),
+        (DATED + "2026-01-01T00:00:02,1,2,3\n", [], "line 4: t must have a zone like Z or +02:00 in all times"),
+        (DATED + "2,1,2,3\n", [], "line 4: t must be a date, as in the rows above, got '2'"),
+        (GOOD + "2026-01-01T00:00:02,1,2,3\n", [], "line 4: t must be a number, like the times before it"),
+        (DATED + "2026-01-01T01:00:00+01:00,1,2,3\n", [], "line 4: times must ascend, but t goes back from 2026-01-01"),
+        ('t;x;y;z\n0;1;2;"1,204.5"\n', [], "line 2: z must be a number, got '1,204.5'"),
+        ("# a phone\nsep=;\nt;x;y;z\n0;1;2;3\n1;1;two;3\n", [], "line 5: y must be a number, got 'two'"),
     ],
 )
 def test_one_line_says_what_is_wrong_with_a_file(tmp_path, monkeypatch, text, options, message):
@@ -277,11 +294,11 @@ def test_all_values_that_are_wrong_are_named_by_their_lines(tmp_path):
     assert "at t = 4.95, 9.95, 14.95" in err
 
 
-def held_thrown_caught(tmp_path, unit):
+def held_thrown_caught(tmp_path, unit, rate=(9.0, 1.0, 3.0)):
     """A phone at rest in the hand, a free flight from t = 1 to 2 s, and the catch; times in this unit of seconds."""
     moments, flight = np.array([1.0, 2.0, 2.5]), np.arange(0.0, 1.0, 0.01)
     body = ml.RigidBody(moments)
-    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.array([9.0, 1.0, 3.0]))), flight)
+    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.array(rate))), flight)
     rates = np.asarray(path.states.momentum) / moments
     begin = np.linspace(0, 1, 100)[:, None]
     rates = np.concatenate([begin**6 * rates[0], rates, (1 - begin) ** 2 * rates[-1] * [1.0, -0.5, 0.3]])
@@ -293,15 +310,15 @@ def held_thrown_caught(tmp_path, unit):
 
 
 @pytest.mark.parametrize("options", [[], ["--bias"], ["--moments", "1", "2", "2.5"]])
-def test_a_record_of_more_than_a_flight_is_named(tmp_path, monkeypatch, options):
+def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, monkeypatch, options):
     from midlie_jax.fitting import fit
 
     monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
-    code, _, err = midlie_fit(held_thrown_caught(tmp_path, 1e-3), "--unit", "rad/s", "--time-unit", "ms", *options)
+    file = held_thrown_caught(tmp_path, 1e-3, [4.5, 0.5, 1.5])
+    code, _, err = midlie_fit(file, "--unit", "rad/s", "--time-unit", "ms", *options)
     assert code == 2
     assert "the file holds more than a free flight" in err
-    assert "--from and --to" in err
-    begin, end = (float(x) for x in re.search(r"from t = (\S+) to (\S+)\.", err).groups())
+    begin, end = (float(x) for x in re.search(r"--from (\S+) --to (\S+)\.", err).groups())
     assert 700 < begin < 1000 < 1990 < end < 2500
 
 
@@ -314,6 +331,141 @@ def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
     assert "300 angular velocities at 100 times" in out
     low, high = interval(out)
     assert low < 0.4 < high
+
+
+def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, held=3.0, flight=1.2, flights=1):
+    """Random motion in a hand, a throw, a catch: times, rates with a bias, and begin and end of the last flight."""
+    rng, moments, dt, parts = np.random.default_rng(seed), np.array([0.9, 3.1, 3.9]), 1 / hz, []
+    body = ml.RigidBody(moments)
+    for k in range(flights):
+        knots = np.linspace(0, held, int(4 * held) + 2)
+        shaken = rng.normal(0.0, 1.0, (len(knots), 3))
+        shaken[-2], shaken[-1] = -0.2 * np.array(rate), rate
+        parts.append(CubicSpline(knots, shaken)(np.arange(0, held - dt / 2, dt)))
+        start = ml.MomentumState(body.momentum(jnp.array(rate)))
+        free = ml.free_motion(body, start, np.arange(0, flight * (1 + 0.2 * k), dt)).states
+        begin = dt * sum(map(len, parts))
+        parts.append(np.asarray(free.momentum) / moments)
+        end, x = dt * (sum(map(len, parts)) - 1), np.linspace(0, 1, hz // 2)[:, None]
+        parts.append(parts[-1][-1] * np.exp(-6 * x) * np.cos(25 * x) * [1, -0.8, 1.3])
+    rates = np.concatenate(parts)
+    rates = rates + np.deg2rad([1.5, -1.0, 0.8]) + np.deg2rad(noise) * rng.standard_normal(rates.shape)
+    return dt * np.arange(len(rates)), rates, begin, end
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"hz": 400},
+        {"hz": 50},
+        {"noise": 0.1},
+        {"rate": (5.0, 9.0, 4.0)},
+        {"rate": (1.0, 3.0, 12.0), "flight": 0.7},
+        {"held": 30.0},
+        {"flights": 3},
+    ],
+    ids=str,
+)
+def test_the_flight_in_a_record_is_found(given):
+    """Never a row of the hand; at the ends at most half a window of half a radian, and a few rows, are lost."""
+    for seed in range(3):
+        times, rates, begin, end = recorded(seed, **given)
+        first, last = free_flight(times, rates)
+        lost = 0.5 / np.linalg.norm(rates, axis=1).max() + 2 / given.get("hz", 100)
+        assert begin - 1e-9 <= first < begin + lost
+        assert end - lost < last <= end + 1e-9
+
+
+def test_a_whole_flight_is_taken_whole_and_a_hand_alone_is_no_flight():
+    times, rates, begin, end = recorded()
+    free, held = (times >= begin) & (times <= end + 1e-9), times < begin
+    assert free_flight(times[free], rates[free]) == (times[free][0], times[free][-1])
+    assert free_flight(times[held], rates[held]) is None
+
+
+def dated(times, zone):
+    return [f"{np.datetime64('2026-03-28T23:59:58') + np.timedelta64(round(1e9 * t), 'ns')}{zone}" for t in times]
+
+
+@pytest.mark.sample(0)
+def test_a_phone_in_a_hand_with_dates_a_gap_and_degrees(tmp_path):
+    """The flight crosses midnight; the same answer with dates and with seconds, in degrees per second."""
+    times, rates, begin, end = recorded(1)
+    kept = np.flatnonzero(~((times > begin + 0.4) & (times < begin + 0.5)) & (np.arange(len(times)) % 7 != 3))
+    times, cells = times[kept], [",".join(f"{x:.4f}" for x in row) for row in np.rad2deg(rates[kept])]
+    printed = []
+    for column in (dated(times, "+01:00"), [f"{t:.2f}" for t in times]):
+        file = tmp_path / "phone.csv"
+        rows = (f"{t},{row}" for t, row in zip(column, cells, strict=True))
+        file.write_text("\n".join(["time,gx,gy,gz", *rows]) + "\n")
+        code, out, err = midlie_fit(file, "--unit", "deg/s", "--bias")
+        assert (code, err) == (0, "")
+        printed.append(out)
+    first, last = re.search(r"^free flight: --from (\S+) --to (\S+), found", printed[1]).groups()
+    assert begin <= float(first) < float(last) <= end
+    assert (
+        f"--from {np.datetime64('2026-03-28T22:59:58') + np.timedelta64(round(1e6 * float(first)), 'us')}Z"
+        in printed[0]
+    )
+    low, high = interval(printed[0])
+    assert low < 0.9 / 3.9 < high
+    assert abs(float(re.search(r"bias\[0\] +(\S+)", printed[0])[1]) - 1.5) < 1.0
+    numbers = [[float(x) for x in re.findall(r"^moments.* +(\S+)  +\[", out, re.MULTILINE)] for out in printed]
+    np.testing.assert_allclose(numbers[0], numbers[1], rtol=1e-6)
+
+
+def three_instruments(tmp_path, order=(0, 1, 2, 3), sign=1.0):
+    """The body of `log`, with a star tracker on every tenth row, gaps of each instrument, and semicolons."""
+    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
+    body, times, rng = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.random.default_rng(3)
+    states = ml.free_motion(body, ml.RigidState(body.momentum(jnp.asarray(rate)), [0.5, 0.5, -0.5, 0.5]), times).states
+    rates = np.rad2deg(np.asarray(states.momentum) / moments + 0.01 * rng.standard_normal((len(times), 3)))
+    turn = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True)
+    field = turn.inv().apply([30.0, 10.0, -35.0]) + [5.0, -8.0, 3.0] + 0.3 * rng.standard_normal(rates.shape)
+    seen = turn * Rotation.from_rotvec(1e-3 * rng.standard_normal(rates.shape))
+    quaternions = (seen if sign > 0 else seen.inv()).as_quat(scalar_first=True)[:, list(order)]
+    quaternions[np.arange(len(times)) % 10 != 2], rates[100:160], field[200:300] = np.nan, np.nan, np.nan
+    file = tmp_path / "craft.csv"
+    cells = (";".join("" if np.isnan(x) else f"{x:.6f}" for x in row) for row in np.hstack([rates, field, quaternions]))
+    rows = (f"{t};{row}" for t, row in zip(dated(times, "Z"), cells, strict=True))
+    file.write_text("\n".join(["time;wx;wy;wz;mx;my;mz;a;b;c;d", *rows]) + "\n")
+    return file
+
+
+FIELD = ["--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
+TRACKER = ["--tracker", "a", "b", "c", "d", "--tracker-sigma", "0.0573"]
+THREE = ["--unit", "deg/s", "--sigma", "0.573", *FIELD, *TRACKER]
+
+
+@pytest.mark.sample(0)
+def test_a_gyroscope_a_star_tracker_and_a_magnetometer_with_gaps_in_one_fit(tmp_path):
+    code, out, err = midlie_fit(three_instruments(tmp_path), *THREE)
+    assert (code, err) == (0, "")
+    low, high = interval(out)
+    assert low < 0.25 < high
+    assert high - low < 0.001  # without the star tracker 0.004
+    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
+    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+    field = [float(x) for x in re.findall(r"^field\[\d\] +(\S+)", out, re.M)]
+    assert np.dot(field, [30.0, 10.0, -35.0]) / np.linalg.norm([30.0, 10.0, -35.0]) > np.cos(0.005)
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "cure"),
+    [
+        ({"sign": -1.0}, [], "conjugated, from space to body, .* Give --space-to-body."),
+        ({}, ["--space-to-body"], "conjugated, from space to body, .* Leave out --space-to-body."),
+        ({"order": (1, 2, 3, 0)}, [], "scalar-last, .* Name the columns of --tracker in the order w x y z."),
+    ],
+)
+def test_quaternions_of_another_convention_are_named(tmp_path, monkeypatch, given, options, cure):
+    from midlie_jax.fitting import fit
+
+    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
+    code, _, err = midlie_fit(three_instruments(tmp_path, **given), *THREE, *options)
+    assert code == 2
+    assert re.search(cure, err), err
 
 
 @pytest.mark.parametrize(

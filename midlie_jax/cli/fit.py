@@ -7,25 +7,26 @@ minima of a fit of the whole motion do not occur.
 """
 
 import argparse
-from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.interpolate import CubicSpline  # SciPy comes with JAX
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter  # SciPy comes with JAX
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ..fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
+from ..fitting import Attitudes, Directions, Fit, Free, Moments, Rates, UnitQuaternion, UnitVector, states_at
 from ..fitting import fit as run_fit
+from ..fitting.checks import check_conventions
 from ..fitting.noise import Doubt
 from ..model.bodies import RigidBody
-from ..model.states import DirectionState, MomentumState
+from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, UNITS_OF_TIME, Columns, Field, FieldColumns, Table, read, read_field
+from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, read, read_field
+from .flight import free_flight, windows
 from .tables import require
 
 _TURN = 0.5  # largest rotation per step, radians
@@ -44,18 +45,20 @@ _TOTAL = 5.5  # the sum of the moments
 _WINDOW = 1.0  # rotation of the body per window, radians
 _FINE = 0.05  # radians between two points of an integral
 _MOST_POINTS = 200_000
+_UNIT_LENGTH = 1e-3  # the largest error of the length of a quaternion
 
 
 class Problem(NamedTuple):
     """The data and options of a fit.
 
     Attributes:
-        measurements: rates and, if there is a magnetometer, directions.
+        measurements: rates and, if there are a magnetometer and a star tracker, directions and attitudes.
         options: the options for `midlie_jax.fit`.
         bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
         clock: whether the clock of the magnetometer is also found.
-        table, field: the data of the files.
+        table, field, tracker: the data of the files.
         begin: the first time of all, the time of the start.
+        unit: the unit of the rates in the file, in rad/s.
     """
 
     measurements: list[Any]
@@ -65,7 +68,9 @@ class Problem(NamedTuple):
     clock: bool
     table: Table
     field: Field | None
+    tracker: Field | None
     begin: float
+    unit: float
 
 
 class Guess(NamedTuple):
@@ -102,8 +107,12 @@ def _whole(options: argparse.Namespace) -> bool:
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    if options.magnetometer and not (options.sigma and options.magnetometer_sigma):
-        raise ValueError("with --magnetometer, give --sigma and --magnetometer-sigma, their relative weights.")
+    for name in ("magnetometer", "tracker"):
+        if getattr(options, name) and not (options.sigma and getattr(options, f"{name}_sigma")):
+            raise ValueError(f"with --{name}, give --sigma and --{name}-sigma, their relative weights.")
+    for name in ("tracker_sigma", "space_to_body"):
+        if getattr(options, name) and not options.tracker:
+            raise ValueError(f"--{name.replace('_', '-')} needs --tracker with the names of its columns.")
     for name in _NEEDS_FIELD:
         if getattr(options, name) and not options.magnetometer:
             raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer with the names of its columns.")
@@ -122,18 +131,25 @@ def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
     own = options.magnetometer_data
     among = None if own else options.magnetometer
-    if options.first is not None and options.last is not None and options.first >= options.last:
-        raise ValueError(f"--from must be before --to, got {options.first:g} and {options.last:g}.")
-    columns = Columns(options.columns, among, options.unit, options.time_unit, options.first, options.last)
-    table, field = read(options.data, columns)
-    _check_flight(options.data, table, UNITS_OF_TIME[options.time_unit or "s"], options.moments)
+    columns = Columns(
+        options.columns, among, options.tracker, options.unit, options.time_unit, options.first, options.last
+    )
+    table, field, tracker = read(options.data, columns)
+    table = _flight(options, table)
     if own:
         columns = FieldColumns(options.magnetometer_time, options.magnetometer, options.magnetometer_time_unit)
-        field = _within(options, read_field(own, columns))
+        field = read_field(own, columns, table.zero)
+    field, tracker = (None if one is None else one.complete(*table.span) for one in (field, tracker))
+    for name, one in (("magnetometer", field), ("tracker", tracker)):
+        if one is not None and not len(one.times):
+            span = f"{table.shown(table.times[0])} to {table.shown(table.times[-1])}"
+            raise ValueError(f"--{name} must have a complete row in the time of the rates, {span}; check its columns.")
+    if own and field is not None:
         _check_overlap(options, table, field)
     begin = table.times[0] if field is None else min(table.times[0], field.times[0])
     times = table.times - begin
-    sigma = options.sigma * UNITS_OF_RATE[options.unit] if options.sigma else 1.0
+    unit = UNITS_OF_RATE[options.unit]
+    sigma = (options.sigma or 1.0) * unit
     measurements: list[Any] = [Rates(times, table.rates, sigma, bias="bias" if options.bias else None)]
     clock = options.magnetometer_clock == "fitted"
     last = times[-1]
@@ -141,9 +157,20 @@ def _problem(options: argparse.Namespace) -> Problem:
         iron = "iron" if options.hard_iron else None
         said = np.deg2rad(options.magnetometer_sigma)
         late = "clock" if clock else None
-        seen = Directions(field.times - begin, field.vectors, said, reference=_UP, bias=iron, clock=late)
+        known = "field" if tracker else _UP
+        seen = Directions(field.times - begin, field.vectors, said, reference=known, bias=iron, clock=late)
         measurements.append(seen)
         last = max(last, field.times[-1] - begin)
+    if tracker is not None:
+        said, quaternions = np.deg2rad(options.tracker_sigma), tracker.vectors
+        lengths = np.linalg.norm(quaternions, axis=1)
+        if (wrong := np.flatnonzero(np.abs(lengths - 1) > _UNIT_LENGTH)).size:
+            where = f"{options.data}, line {tracker.lines[wrong[0]]}"
+            raise ValueError(f"{where}: the length of a quaternion must be 1, got {lengths[wrong[0]]:.6g}.")
+        if options.space_to_body:
+            tracker = tracker._replace(vectors=quaternions * [1.0, -1.0, -1.0, -1.0])
+        measurements.append(Attitudes(tracker.times - begin, tracker.vectors, said))
+        _check_convention(options, measurements)
     speeds = np.linalg.norm(table.rates, axis=1)
     if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
         raise ValueError("the data need two times and a body that rotates; check the columns.")
@@ -155,19 +182,35 @@ def _problem(options: argparse.Namespace) -> Problem:
         "require_rank": False,
         "first_span": _FIRST / float(np.nanmedian(speeds[speeds > 0])),
     }
-    return Problem(measurements, given, options.bias, bool(options.hard_iron), clock, table, field, begin)
+    iron = bool(options.hard_iron)
+    return Problem(measurements, given, options.bias, iron, clock, table, field, tracker, begin, unit)
 
 
-def _within(options: argparse.Namespace, field: Field) -> Field:
-    unit = UNITS_OF_TIME[options.time_unit or "s"]
-    kept = np.ones(len(field.times), bool)
-    if options.first is not None:
-        kept &= field.times >= options.first * unit
-    if options.last is not None:
-        kept &= field.times <= options.last * unit
-    if not kept.any():
-        raise ValueError(f"{options.magnetometer_data} has no rows between --from and --to.")
-    return Field(field.times[kept], field.vectors[kept], field.lines[kept])
+def _flight(options: argparse.Namespace, table: Table) -> Table:
+    """The rows of the free flight, unless the times of its ends are given."""
+    complete = np.flatnonzero(np.all(np.isfinite(table.rates), axis=1))
+    times, first = np.unique(table.times[complete], return_index=True)
+    found = None
+    if _whole(options) and len(times) > _ROWS:
+        found = free_flight(times, table.rates[complete][first])
+    if found is not None and (found[0] > times[0] or found[1] < times[-1]):
+        table = table.within(*found)
+        print(
+            f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates"
+        )
+    _check_flight(options, table)
+    return table
+
+
+def _check_convention(options: argparse.Namespace, measurements: list[Any]) -> None:
+    try:
+        check_conventions(measurements, {"bias": np.zeros(3)})
+    except ValueError as error:
+        told = str(error).partition(" Pass ")[0]
+        other = "leave out --space-to-body" if options.space_to_body else "give --space-to-body"
+        order = "name the columns of --tracker in the order w x y z"
+        cures = [cure for word, cure in (("scalar-last", order), ("conjugated", other)) if word in told]
+        raise ValueError(f"{options.data}: {told} {' and '.join(cures).capitalize()}.") from None
 
 
 def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
@@ -214,9 +257,11 @@ def _step(table: Table, last: float, speeds: np.ndarray, guessed: bool) -> float
     return float(dt)
 
 
-def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState | DirectionState]:
+def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState | DirectionState | RigidState]:
     body = RigidBody(values["moments"])
     momentum = body.momentum(values["rate"])
+    if "attitude" in values:
+        return body, None, RigidState(momentum, values["attitude"])
     return body, None, DirectionState(momentum, values["field"]) if "field" in values else MomentumState(momentum)
 
 
@@ -237,14 +282,19 @@ def _from(problem: Problem, near: Guess) -> Fit:
     start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
     if problem.bias:
         start["bias"] = Free(near.bias)
-    field = problem.field
+    table, field, tracker = problem.table, problem.field, problem.tracker
+    attitude = Rotation.identity()
+    if tracker is not None:
+        since = _turned_back(table, near.bias, problem.begin, float(tracker.times[0]))
+        attitude = Rotation.from_quat(tracker.vectors[0], scalar_first=True) * since.inv()
+        start["attitude"] = UnitQuaternion(attitude.as_quat(scalar_first=True))
     if field is not None:
-        whole = np.all(np.isfinite(field.vectors), axis=1)
-        complete = field.vectors[whole]
+        seen = field.vectors
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
-        iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
-        first = _turned_back(problem.table, near.bias, complete[0] - iron, problem.begin, field.times[whole][0])
+        iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if problem.iron else np.zeros(3)
+        since = _turned_back(table, near.bias, problem.begin, float(field.times[0]))
+        first = (attitude * since).apply(seen[0] - iron)  # in space with a star tracker, else in the body
         start["field"] = UnitVector(first / np.linalg.norm(first))
         if problem.iron:
             start["iron"] = Free(iron)
@@ -254,7 +304,7 @@ def _from(problem: Problem, near: Guess) -> Fit:
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
-    lines = [problem.table.lines] + ([] if problem.field is None else [problem.field.lines])
+    lines = [one.lines for one in (problem.table, problem.field, problem.tracker) if one is not None]
 
     def named(doubt: Doubt) -> str:
         if doubt.measurement is None or not doubt.rows:
@@ -270,18 +320,30 @@ def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
     moments = np.asarray(result.values["moments"])
     print(
         f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
-        f" moments with a sum of {moments.sum():g}, rates in rad/s, those at t = {problem.begin:g} s"
+        f" moments with a sum of {moments.sum():g}, rates in {options.unit}, those at {_moment(options, problem)}"
     )
     if options.magnetometer_data and problem.field is not None:
-        count = np.sum(np.isfinite(problem.field.vectors).all(axis=1))
         clock = "; clock: how far its clock is ahead, in s" if problem.clock else ""
-        print(f"{options.magnetometer_data}: {count} directions of the field{clock}")
-    print(result)
+        print(f"{options.magnetometer_data}: {len(problem.field.times)} directions of the field{clock}")
+    print(_in_units_of_file(problem, result))
     if not options.sigma:
-        print("sigma is not given and counts as 1 rad/s: the rms refers to the rates and determines the intervals")
+        print(f"sigma is not given and counts as 1 {options.unit}; the rms of the rates determines the intervals")
     ratios, intervals = result.derived(lambda v: v["moments"][:2] / v["moments"][2])
     for i, (ratio, (low, high)) in enumerate(zip(ratios, intervals, strict=True)):
         print(f"moments[{i}] / moments[2]  {ratio:.10g}  [{low:.10g}, {high:.10g}]")
+
+
+def _moment(options: argparse.Namespace, problem: Problem) -> str:
+    shown = problem.table.shown(problem.begin)
+    return shown if problem.table.zero else f"t = {shown} {options.time_unit or 's'}"
+
+
+def _in_units_of_file(problem: Problem, result: Fit) -> Fit:
+    shown, rates = copy(result), [name.startswith(("rate[", "bias[")) for name in result.names]
+    scales = np.where(rates, 1 / problem.unit, 1.0)
+    shown.coordinates, shown.intervals = result.coordinates * scales, result.intervals * scales[:, None]
+    shown.covariance = result.covariance * np.outer(scales, scales)
+    return shown
 
 
 def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
@@ -293,34 +355,35 @@ def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
     _write_chart(
         Path(options.data).name,
         table.times,
-        table.rates,
+        table.rates / problem.unit,
         problem.begin + times,
-        curves,
+        curves / problem.unit,
         result.residuals()[0],
-        "sigma" if options.sigma else "rad/s",
+        (options.unit, "sigma" if options.sigma else options.unit),
         options.out,
     )
     print(f"wrote {options.out}")
 
 
-def _check_flight(path: str, table: Table, unit: float, moments: Sequence[float] | None) -> None:
+def _check_flight(options: argparse.Namespace, table: Table) -> None:
     """Raises if the speed changes more than for a free body, because the body was held in a part of the record."""
     complete = np.all(np.isfinite(table.rates), axis=1)
     if complete.sum() < _ROWS:
         return
-    times, speeds = table.times[complete] / unit, np.linalg.norm(table.rates[complete], axis=1)
+    times, speeds = table.times[complete], np.linalg.norm(table.rates[complete], axis=1)
     smooth = median_filter(speeds, _ROWS, mode="nearest")
-    allowed = _FACTOR if moments is None else max(_FACTOR, 2 * max(moments) / min(moments))
+    moments, unit = options.moments or [1.0], UNITS_OF_RATE[options.unit]
+    allowed = max(_FACTOR, 2 * max(moments) / min(moments))
     slow, fast = float(np.percentile(smooth, _SLOW)), int(np.argmax(smooth))
     if smooth[fast] <= allowed * slow:
         return
     below = np.flatnonzero(smooth < smooth[fast] / 2)
     first, last = below[below < fast].max(initial=-1) + 1, below[below > fast].min(initial=len(times)) - 1
     raise ValueError(
-        f"{path}: the speed goes from {slow:.3g} to {smooth[fast]:.3g} rad/s, at t = "
-        f"{times[fast]:g}, too much for a free body: the file holds more than a free flight. Give "
-        "the first and the last time of the flight by --from and --to; the speed is above half "
-        f"of its largest from t = {times[first]:g} to {times[last]:g}."
+        f"{options.data}: the speed goes from {slow / unit:.3g} to {smooth[fast] / unit:.3g} {options.unit}, at "
+        f"{table.shown(times[fast])}, too much for a free body: the file holds more than a free flight. Give "
+        "the first and the last time of the flight; the speed is above half of its largest with "
+        f"--from {table.shown(times[first])} --to {table.shown(times[last])}."
     )
 
 
@@ -335,14 +398,14 @@ def _guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
     rates = rates[np.all(np.isfinite(rates), axis=1)][first]
     if len(times) < 3:
         return Guess(np.array(_ORDERS[0]), np.zeros(3))
-    changes, products, linear, spans = _windows(times, rates)
+    _, _, changes, products, linear = seen = windows(times, rates, _WINDOW)
     size = np.sqrt(np.mean(rates**2))
 
     def residuals(x: np.ndarray) -> np.ndarray:
         moments, b = _moments(x[:2]), (x[2:] if bias else np.zeros(3))
         # The integrals of the products of rates minus the bias.
         mixed = np.roll(linear, -1, 1) * np.roll(b, -2) + np.roll(linear, -2, 1) * np.roll(b, -1)
-        without = products - mixed + spans[:, None] * np.roll(b, -1) * np.roll(b, -2)
+        without = products - mixed + seen.spans[:, None] * np.roll(b, -1) * np.roll(b, -2)
         slopes = (np.roll(moments, -1) - np.roll(moments, -2)) / moments
         return ((changes - slopes * without) / size).ravel()
 
@@ -357,8 +420,8 @@ def _guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
     return Guess(_moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3))
 
 
-def _turned_back(table: Table, bias: np.ndarray, vector: np.ndarray, begin: float, end: float) -> np.ndarray:
-    """A space-fixed vector, (3,), in the body frame at `begin`, from its components at `end`.
+def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Rotation:
+    """The rotation of components of a space-fixed vector in the body frame, from `end` to `begin`.
 
     The body rotates with the measured rates between the rows, and before the first row with its rate.
     """
@@ -367,9 +430,10 @@ def _turned_back(table: Table, bias: np.ndarray, vector: np.ndarray, begin: floa
     count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
     middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
     turns = np.stack([np.interp(middles, table.times[known], rates[:, i]) for i in range(3)], axis=1)
-    for turn in Rotation.from_rotvec(turns[::-1] * (end - begin) / count):
-        vector = turn.apply(vector)
-    return vector
+    found = Rotation.identity()
+    for turn in Rotation.from_rotvec(turns * (end - begin) / count):
+        found = found * turn
+    return found
 
 
 def _moments(logs: np.ndarray) -> np.ndarray:
@@ -379,24 +443,6 @@ def _moments(logs: np.ndarray) -> np.ndarray:
     return second.sum() - second
 
 
-def _windows(times: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """For each window: the change of the rates, the integrals of their products, their integrals, and the length."""
-    fastest = np.max(np.linalg.norm(rates, axis=1))
-    count = int(np.clip((times[-1] - times[0]) * fastest / _FINE, 4 * len(times), _MOST_POINTS))
-    fine = np.linspace(times[0], times[-1], count)
-    values = CubicSpline(times, rates)(fine)
-    products = np.roll(values, -1, 1) * np.roll(values, -2, 1)
-    h = fine[1] - fine[0]
-    of_products, of_rates = (
-        np.vstack([np.zeros(3), np.cumsum((x[1:] + x[:-1]) * h / 2, axis=0)]) for x in (products, values)
-    )
-    width = int(np.clip(_WINDOW / fastest / h, 1, count // 3))
-    first = np.arange(0, count - width, max(1, width // 8))
-    last = first + width
-    changes = values[last] - values[first]
-    return changes, of_products[last] - of_products[first], of_rates[last] - of_rates[first], fine[last] - fine[first]
-
-
 def _write_chart(
     name: str,
     times: np.ndarray,
@@ -404,15 +450,15 @@ def _write_chart(
     curve_times: np.ndarray,
     curves: np.ndarray,
     residuals: np.ndarray,
-    unit: str,
+    units: tuple[str, str],
     path: str,
 ) -> None:
-    """Writes a PNG of a fit: rates (n, 3) in rad/s, NaN where missing; residuals (n, 3), model minus measurement."""
+    """Writes a PNG of a fit: rates (n, 3), NaN where missing; residuals (n, 3), model minus measurement; both units."""
     figure = new_figure(11.0, 8.0)
     heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    panel(above, "Angular velocity about the principal axes", "", "Ω  [rad/s]")
-    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
+    panel(above, "Angular velocity about the principal axes", "", f"Ω  [{units[0]}]")
+    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{units[1]}]")
     for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
         above.plot(curve_times, curves[:, i], color=colour, linewidth=1.2, label=f"Ω{i + 1}")
         above.plot(times, rates[:, i], ".", color=colour, markersize=4)

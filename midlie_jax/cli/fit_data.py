@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,38 @@ _NAMED_TIMES = {
     "s": ("s", "sec", "secs", "second", "seconds"),
 }
 _NAMED_RATES = {"deg/s": ("deg", "degs", "degree", "degrees", "dps"), "rad/s": ("rad", "rads", "radian", "radians")}
+_MOMENT = re.compile(  # a date and a time of ISO 8601, a fraction of a second, and a zone
+    r"(\d{4}-?\d\d-?\d\d[T ]\d\d:?\d\d(?::?\d\d)?)(?:[.,](\d{1,9})\d*)? ?(Z|[+-]\d\d(?::?\d\d)?)?", re.IGNORECASE
+)
 _ORDERS = ("xyz", "123", "012", "pqr", "abc", "uvw", ("roll", "pitch", "yaw"))
+
+
+class Moment(NamedTuple):
+    """A date and time: nanoseconds since 1970 in UTC, or on a clock without a zone."""
+
+    ns: int
+    zoned: bool
+
+    @classmethod
+    def of(cls, where: str, text: str) -> "Moment | None":
+        """The moment of a text in ISO 8601; None for other texts, and a ValueError for dates that do not exist."""
+        found = _MOMENT.fullmatch(text)
+        if found is None:
+            return None
+        whole, fraction, zone = found.groups()
+        try:
+            seconds = datetime.fromisoformat(f"{whole}{zone or 'Z'}".upper()).astimezone(UTC).timestamp()
+        except ValueError:
+            raise ValueError(f"{where} must be an existing date and time, got {text!r}.") from None
+        return cls(round(seconds) * 10**9 + int((fraction or "").ljust(9, "0")), zone is not None)
+
+    def after(self, where: str, zero: "Moment | None") -> float:
+        """The seconds from another moment, of the same file or of a file compared with it."""
+        if zero is None:
+            raise ValueError(f"{where} must be a number, like the times before it; got a date.")
+        if self.zoned != zero.zoned:
+            raise ValueError(f"{where} must have a zone like Z or +02:00 in all times or in none.")
+        return (self.ns - zero.ns) / 1e9
 
 
 class Columns(NamedTuple):
@@ -28,17 +60,20 @@ class Columns(NamedTuple):
     Attributes:
         rates: the names of the columns of time and of the three rates; None for the first four columns.
         field: the names of the three columns of a magnetometer in the same rows; None if there is none.
+        tracker: the names of the four columns of a star tracker in the same rows, scalar first; None if there is none.
         rate_unit: one of `UNITS_OF_RATE`.
         time_unit: one of `UNITS_OF_TIME`; None for seconds, in which case a name with another unit is rejected.
-        first, last: the times of the first and the last row that is used, in the unit of the file; None for all.
+        first, last: the times of the first and the last row that is used, as in the file, where the times of ISO 8601
+            may also be seconds after the first row; None for all.
     """
 
     rates: Sequence[str] | None
     field: Sequence[str] | None
+    tracker: Sequence[str] | None
     rate_unit: str
     time_unit: str | None
-    first: float | None = None
-    last: float | None = None
+    first: str | None = None
+    last: str | None = None
 
 
 class FieldColumns(NamedTuple):
@@ -56,37 +91,65 @@ class Table(NamedTuple):
     """The rows of a file, in seconds and radians per second.
 
     Attributes:
-        times: (n,), the times of the file, in seconds.
+        times: (n,), in seconds: the times of the file, or from its first row if they are dates.
         rates: (n, 3); NaN where a cell is empty.
         lines: (n,), the number of each row's line in the file, from 1.
+        span: the times between which rows are used, in seconds; infinite without `first` and `last`.
+        unit: the unit of the file's times, in seconds.
+        zero: the date of the file's first row; None if its times are numbers.
     """
 
     times: np.ndarray
     rates: np.ndarray
     lines: np.ndarray
+    span: tuple[float, float]
+    unit: float
+    zero: Moment | None
+
+    def shown(self, time: float) -> str:
+        """A time in seconds as the file and `--from` write it."""
+        if self.zero is None:
+            return f"{time / self.unit:.15g}"
+        return f"{np.datetime64(self.zero.ns // 1000 + round(time * 1e6), 'us')}{'Z' * self.zero.zoned}"
+
+    def within(self, first: float, last: float) -> "Table":
+        """The rows between two times in seconds."""
+        kept = (self.times >= first) & (self.times <= last)
+        rows = {"times": self.times[kept], "rates": self.rates[kept], "lines": self.lines[kept]}
+        return self._replace(span=(first, last), **rows)
 
 
 class Field(NamedTuple):
-    """The data of a magnetometer: times (m,), seconds; vectors (m, 3), in the unit of the file; lines (m,)."""
+    """The data of a magnetometer or a star tracker.
+
+    Times (m,), seconds; vectors (m, 3), in the unit of the file, or quaternions (m, 4); lines (m,).
+    """
 
     times: np.ndarray
     vectors: np.ndarray
     lines: np.ndarray
 
+    def complete(self, first: float, last: float) -> "Field":
+        """The rows between two times in seconds without a missing value."""
+        kept = (self.times >= first) & (self.times <= last) & np.all(np.isfinite(self.vectors), axis=1)
+        return Field(self.times[kept], self.vectors[kept], self.lines[kept])
+
 
 class _Cells(NamedTuple):
-    """The header, the names of the requested columns, their numbers (n, k), and the line of each row."""
+    """The header, the names of the requested columns, their numbers (n, k), the line of each row, the first date."""
 
     header: list[str]
     names: list[str]
     numbers: np.ndarray
     lines: np.ndarray
+    zero: Moment | None
 
 
-def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
-    """The measurements in a CSV file with a header, and the magnetometer data in its rows, if requested.
+def read(path: str, wanted: Columns) -> tuple[Table, Field | None, Field | None]:
+    """The rates in a CSV file with a header, and the magnetometer and the star tracker in its rows, if requested.
 
-    Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas.
+    Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Times
+    are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first.
 
     Raises:
         ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
@@ -95,7 +158,7 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
     """
 
     def named(header: list[str]) -> list[str]:
-        names = [*(wanted.rates or header[:4]), *(wanted.field or [])]
+        names = [*(wanted.rates or header[:4]), *(wanted.field or []), *(wanted.tracker or [])]
         if len(names) < 4:
             raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
         return names
@@ -103,22 +166,52 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
     cells = _cells(path, named, "--columns")
     if not wanted.rates:
         _check_order(path, cells.header, cells.names)
-    _check_time_unit(cells.names[0], wanted.time_unit, "--time-unit")
+    unit = _unit_of_times(cells, wanted.time_unit, "--time-unit")
     _check_rate_units(cells.names[1:4], wanted.rate_unit)
-    cells = _within(path, cells, wanted.first, wanted.last)
-    _check_rates(path, cells.lines, cells.numbers[:, 1:4])
-    times = cells.numbers[:, 0] * UNITS_OF_TIME[wanted.time_unit or "s"]
-    field = Field(times, cells.numbers[:, 4:], cells.lines) if wanted.field else None
-    return Table(times, cells.numbers[:, 1:4] * UNITS_OF_RATE[wanted.rate_unit], cells.lines), field
+    times, rates, others = cells.numbers[:, 0] * unit, *np.split(cells.numbers[:, 1:], [3], axis=1)
+    span = (
+        _bound("--from", wanted.first, -np.inf, unit, cells.zero),
+        _bound("--to", wanted.last, np.inf, unit, cells.zero),
+    )
+    if span[0] >= span[1]:
+        raise ValueError(f"--from must be before --to, got {wanted.first} and {wanted.last}.")
+    whole = Table(times, rates, cells.lines, span, unit, cells.zero)
+    table = whole.within(*span)
+    if not len(table.times):
+        first, last = whole.shown(times[0]), whole.shown(times[-1])
+        raise ValueError(f"{path} has no rows between --from and --to; its times go from {first} to {last}.")
+    _check_rates(path, table.lines, table.rates)
+    field, tracker = np.split(others, [3 if wanted.field else 0], axis=1)
+    return (
+        table._replace(rates=table.rates * UNITS_OF_RATE[wanted.rate_unit]),
+        Field(times, field, cells.lines) if wanted.field else None,
+        Field(times, tracker, cells.lines) if wanted.tracker else None,
+    )
 
 
-def read_field(path: str, wanted: FieldColumns) -> Field:
-    """The measurements of a magnetometer in a separate CSV file; errors as for `read`."""
+def _bound(option: str, text: str | None, default: float, unit: float, zero: Moment | None) -> float:
+    if text is None:
+        return default
+    if _is_number(text):
+        return float(text) * unit
+    moment = Moment.of(option, text)
+    if moment is None:
+        raise ValueError(f"{option} must be a number or a date such as 2026-04-13T21:45:00Z, got {text!r}.")
+    return moment.after(f"{option} {text}", zero)
+
+
+def read_field(path: str, wanted: FieldColumns, zero: Moment | None) -> Field:
+    """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`. Errors as for `read`."""
     cells = _cells(path, lambda header: [wanted.time, *wanted.field], "--magnetometer-time and --magnetometer")
-    _check_time_unit(cells.names[0], wanted.time_unit, "--magnetometer-time-unit")
+    unit = _unit_of_times(cells, wanted.time_unit, "--magnetometer-time-unit")
+    if zero is not None and cells.zero is None:
+        raise ValueError(f"{path} must have dates as times, as the file of the rates has; got numbers.")
+    times = cells.numbers[:, 0] * unit + (
+        0.0 if cells.zero is None else cells.zero.after(f"{path}, {cells.names[0]}", zero)
+    )
     if np.isnan(cells.numbers[:, 1:]).any(axis=1).all():
         raise ValueError(f"{path} has no row with all of {', '.join(wanted.field)}.")
-    return Field(cells.numbers[:, 0] * UNITS_OF_TIME[wanted.time_unit or "s"], cells.numbers[:, 1:], cells.lines)
+    return Field(times, cells.numbers[:, 1:], cells.lines)
 
 
 def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
@@ -129,28 +222,22 @@ def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> 
     (line, header), cells = rows[0], rows[1:]
     names = named(header)
     places = _places(path, line, header, names, options)
-    commas = _separator(text) != ","
+    commas, zero = _separator(text) != ",", None
     table = np.full((len(cells), len(places)), np.nan)
     for i, (line, row) in enumerate(cells):
         _check_length(path, line, header, row)
         for k, place in enumerate(places):
-            table[i, k] = _number(f"{path}, line {line}: {names[k]}", row[place] if place < len(row) else "", commas)
+            where, cell = f"{path}, line {line}: {names[k]}", row[place] if place < len(row) else ""
+            moment = None if k else Moment.of(where, cell)
+            zero = moment if i == k == 0 else zero
+            if zero is not None and not k and moment is None and cell.lower() not in _MISSING:
+                raise ValueError(f"{where} must be a date, as in the rows above, got {cell!r}.")
+            table[i, k] = _number(where, cell, commas) if moment is None else moment.after(where, zero)
     lines = np.array([line for line, _ in cells])
-    _check_times(path, names[0], lines, table[:, 0])
+    _check_times(path, names[0], lines, table[:, 0], [row[places[0]] for _, row in cells])
     if not text.endswith(("\n", "\r")):
         _check_last(path, cells, places)
-    return _Cells(header, names, table, lines)
-
-
-def _within(path: str, cells: _Cells, first: float | None, last: float | None) -> _Cells:
-    times = cells.numbers[:, 0]
-    kept = (times >= (-np.inf if first is None else first)) & (times <= (np.inf if last is None else last))
-    if not kept.any():
-        raise ValueError(
-            f"{path} has no rows between --from and --to; its times go from {times[0]:g} to {times[-1]:g}, in the unit "
-            "of the file."
-        )
-    return cells._replace(numbers=cells.numbers[kept], lines=cells.lines[kept])
+    return _Cells(header, names, table, lines, zero)
 
 
 def _text(path: str) -> str:
@@ -164,8 +251,12 @@ def _text(path: str) -> str:
 
 
 def _separator(text: str) -> str:
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    first = next((line for line in text.splitlines() if line.strip() and not _is_comment(line)), "")
     return max(",;\t", key=first.count)
+
+
+def _is_comment(line: str) -> bool:
+    return bool(re.match(r"\s*\"?(#|sep=)", line, re.IGNORECASE))
 
 
 def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
@@ -173,7 +264,7 @@ def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
     try:
         for row in reader:
-            if any(cell.strip() for cell in row):
+            if any(cell.strip() for cell in row) and not _is_comment(row[0]):
                 found.append((reader.line_num, [cell.strip() for cell in row]))
     except csv.Error as error:
         raise ValueError(f"{path}, line {reader.line_num}: {error}.") from None
@@ -223,10 +314,16 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+", re.sub(r"/\s*\w+", "", name.lower()))
 
 
-def _check_time_unit(name: str, unit: str | None, option: str) -> None:
+def _unit_of_times(cells: _Cells, unit: str | None, option: str) -> float:
+    name = cells.names[0]
+    if cells.zero is not None:
+        if unit is not None:
+            raise ValueError(f"{option} must be left out for dates, got {unit}.")
+        return 1.0
     said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(_words(name))), None)
     if said is not None and said != (unit or "s"):
         raise ValueError(f"column {name!r} is in {said} by its name; give {option} {said}, or rename it.")
+    return UNITS_OF_TIME[unit or "s"]
 
 
 def _check_rate_units(names: list[str], unit: str) -> None:
@@ -268,7 +365,7 @@ def _is_number(text: str) -> bool:
     return "_" not in text  # Python accepts 1_000
 
 
-def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> None:
+def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray, texts: Sequence[str]) -> None:
     missing = np.flatnonzero(np.isnan(times))
     if missing.size:
         raise ValueError(f"{path}, line {lines[missing[0]]}: {name} is missing; delete the row or complete it.")
@@ -276,8 +373,8 @@ def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> 
     if back.size:
         i = back[0]
         raise ValueError(
-            f"{path}, line {lines[i + 1]}: times must ascend, but {name} goes back from {times[i]:g} to "
-            f"{times[i + 1]:g}; sort the rows, and check that {name} is the time."
+            f"{path}, line {lines[i + 1]}: times must ascend, but {name} goes back from {texts[i]} to "
+            f"{texts[i + 1]}; sort the rows, and check that {name} is the time."
         )
 
 

@@ -288,9 +288,10 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "rates about the three principal axes. Empty cells are missing values. Prints the "
         "estimates with 95 % intervals. The exit code is 2 if the fit is not ok: if it did not "
         "converge, if its residuals are not noise of the size of sigma, or if the body rotates "
-        "by more than half a revolution between rows. If the file holds more than a free flight, "
-        "such as a phone in the hand before it and the catch after it, choose the flight by "
-        "--from and --to."
+        "by more than half a revolution between rows. Of a file that holds more than a free flight, "
+        "such as a phone in the hand before it and the catch after it, the part is taken in which "
+        "the rates satisfy Euler's equations of a free body for the most rotation; --from and --to "
+        "choose another. Times are numbers or dates in ISO 8601."
     )
     parser.add_argument("data", metavar="DATA.csv", help="the measurements")
     parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
@@ -309,11 +310,26 @@ def fit(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also find the bias of the gyroscope, the constant that it adds to the rates",
     )
-    parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s)")
     parser.add_argument(
-        "--from", dest="first", type=number, metavar="T", help="use the rows from this time on, in the file's unit"
+        "--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s); not with dates"
     )
-    parser.add_argument("--to", dest="last", type=number, metavar="T", help="use the rows up to this time")
+    parser.add_argument(
+        "--from",
+        dest="first",
+        metavar="T",
+        help="use the rows from this time on, in the file's unit; with dates, a date or seconds after the first row",
+    )
+    parser.add_argument("--to", dest="last", metavar="T", help="use the rows up to this time")
+    parser.add_argument(
+        "--tracker",
+        nargs=4,
+        metavar="NAME",
+        help="the columns w x y z of a star tracker: quaternions of the same axes, from body to space",
+    )
+    parser.add_argument(
+        "--tracker-sigma", type=positive, metavar="DEG", help="the standard deviation about each axis, degrees"
+    )
+    parser.add_argument("--space-to-body", action="store_true", help="the quaternions are from space to body")
     parser.add_argument(
         "--magnetometer",
         nargs=3,

@@ -108,7 +108,8 @@ class Directions(Recorded):
         times: (n,), ascending.
         values: (n, 3), body frame, of any nonzero length; a row with a NaN is missing.
         sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
-        reference: the known direction in the space frame, (3,), or (n, 3) if it changes with time.
+        reference: the direction in the space frame: known, (3,), or (n, 3) if it changes with time; the name of a
+            parameter, such as a `UnitVector`; or a function of the values of the parameters.
         bias: the bias added to the vector, in the unit of `values`, such as the field of iron that rotates with a
             magnetometer; given in the three forms of the bias of `Rates`. None means no bias.
         clock: as for `Rates`.
@@ -124,7 +125,7 @@ class Directions(Recorded):
         (3, 2)
     """
 
-    reference: Float[Array, "n 3"]
+    reference: Source
     bias: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, reference: Any, bias: Part = None, clock: Part = None):
@@ -134,16 +135,20 @@ class Directions(Recorded):
         self.values = _unit("values", numbers) if bias is None else numbers
         self.present = present[:, :2]
         self.sigma = deviations(sigma, self.values[:, :2])
+        if isinstance(reference, str) or callable(reference):
+            self.reference = Source(reference, None)
+            return
         known = as_floats("reference", reference).astype(numbers.dtype)
         if known.shape not in ((3,), (len(self.times), 3)):
             raise ValueError(f"reference must have shape (3,) or ({len(self.times)}, 3), got {known.shape}.")
         require_finite("reference", known)
-        self.reference = _unit("reference", jnp.broadcast_to(known, self.values.shape))
+        self.reference = Source(None, _unit("reference", jnp.broadcast_to(known, self.values.shape)))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         del body
-        expected = cp.pack(states.seen_from_body(cp.vector(self.reference)))
         measured = self.values
+        reference = jnp.broadcast_to(self.reference(parameters), measured.shape)
+        expected = cp.pack(states.seen_from_body(cp.vector(reference)))
         if self.bias is not None:
             measured = measured - self.bias(parameters)[None]
             square = jnp.sum(measured**2, axis=-1, keepdims=True)

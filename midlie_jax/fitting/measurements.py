@@ -245,7 +245,7 @@ def deviations(sigma: Any, like: Array) -> Array:
 
 def check_parts(measurement: Measurement, names: set[str]) -> None:
     """Raises a ValueError for a `Part` that names no parameter."""
-    for field in ("bias", "markers", "origin", "lever", "gravity", "clock"):
+    for field in ("bias", "reference", "markers", "origin", "lever", "gravity", "clock"):
         rule = getattr(getattr(measurement, field, None), "rule", None)
         if isinstance(rule, str) and rule not in names:
             zero = "0.0" if field == "clock" else "[0.0, 0.0, 0.0]"
