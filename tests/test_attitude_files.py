@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cases import turn
 from scipy.spatial.transform import Rotation
+from test_docs import ROOT, blocks
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
@@ -429,3 +430,29 @@ def test_ccsds_ndm_reads_what_is_written_here(tmp_path):
     np.testing.assert_allclose(theirs, RANDOM, atol=1e-15)
     (tmp_path / "there.aem").write_text(ndm.NdmKvnIo().to_string(message))
     np.testing.assert_allclose(attitudes.read(tmp_path / "there.aem").attitudes, RANDOM, atol=1e-15)
+
+
+def test_a_c_kernel_by_the_recipe_has_the_attitudes_and_rates_in_spice(tmp_path):
+    """Between the saved times SPICE rotates at a constant rate."""
+    spice = pytest.importorskip("spiceypy")
+    names = {"ml": ml}
+    (recipe,) = (block for block in blocks(ROOT / "docs" / "attitude-files.md") if "def write_ck" in block)
+    exec(recipe, names)
+    body, epoch = ml.RigidBody([1.0, 2.0, 2.5]), 8.3e8 + 0.125
+    start = ml.RigidState.from_velocity(body, [0.05, 0.03, 0.04], [0.5, 0.5, -0.5, 0.5])
+    path = ml.integrate("JACOBI[EA]", body, None, start, dt=1.0, steps=120, save_every=4)
+    file = str(tmp_path / "run.bc")
+    names["write_ck"](path, body, file, epoch)
+    spice.furnsh(file)
+    try:
+        read = [spice.ckgpav(-999000, spice.sce2c(-999, epoch + t), 0, "J2000") for t in np.arange(0.0, 121.0, 2.0)]
+    finally:
+        spice.kclear()
+    matrices, rates = (np.array(x) for x in list(zip(*read, strict=True))[:2])
+    right = Rotation.from_quat(np.asarray(path.states.attitude), scalar_first=True)
+    np.testing.assert_allclose(matrices[::2], right.inv().as_matrix(), rtol=0, atol=1e-15)
+    turning = right.apply(np.asarray(path.states.momentum) / [1.0, 2.0, 2.5])
+    np.testing.assert_allclose(rates[::2], turning, rtol=0, atol=1e-15)
+    finer = ml.integrate("JACOBI[EA]", body, None, start, dt=1.0, steps=120, save_every=2)
+    exact = Rotation.from_quat(np.asarray(finer.states.attitude), scalar_first=True)
+    assert np.max((exact * Rotation.from_matrix(matrices)).magnitude()) < 0.01

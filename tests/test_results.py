@@ -323,7 +323,7 @@ def test_a_path_prints_in_two_lines():
     path = ml.integrate("JACOBI[EA]", body, TOP, FAST, **run)
     shapes = "RigidState(momentum=f64[41,3], attitude=f64[41,4])"
     assert repr(path) == f"Path: 41 saved states at times 0 to 0.04; ok\n{shapes}"
-    assert "successful" in str(path.result)
+    assert str(path.result) == "successful"
     failed = ml.integrate("JACOBI[EA]", body, TOP, FAST, dt=1.0, steps=40)
     assert repr(failed).startswith(
         "Path: 41 saved states at times 0 to 40; states[:1] ok. A step turned the body further"
@@ -333,6 +333,12 @@ def test_a_path_prints_in_two_lines():
     many = ml.ensemble("JACOBI[EA]", body, TOP, states, dt=1e-3, steps=4)
     assert repr(many).startswith("Path: end at 0.004; 2 of 3 ok. A step turned the body further")
     assert repr(many).count("A step turned") == 1
+    assert str(failed.result).startswith("A step turned the body further than the method reaches. Take a shorter step")
+    assert str(many.result).startswith("1 of 3 failed. A step turned")
+    assert [str(jax.tree.map(lambda x, i=i: x[i], many.result))[:10] for i in range(2)] == ["successful", "A step tur"]
+    traced = []
+    jax.jit(lambda p: traced.append(str(p.result)) or p.times)(path)
+    assert traced == ["RESULTS<traced>"]
     density = ml.densities.Spin(body.moments, reference=50.0, floor=1.0)
     adaptive = ml.integrate_variable_step("JACOBI[EA]", body, TOP, FAST, density=density, **run)
     assert repr(adaptive).startswith("VariableStepPath: 41 saved states at times 0 to 0.0")

@@ -8,11 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from .._xla.internals import Tracer
 from ..integrators.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED, UNSTABLE
 
 
 class RESULTS(eqx.Enumeration):
-    """The outcome of a run; compare as in `path.result == midlie_jax.RESULTS.successful`. Prints as a sentence.
+    """The outcome of a run; compare as in `path.result == midlie_jax.RESULTS.successful`.
+
+    The outcome of a good run prints as "successful", of a failed run as a sentence with the remedy.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -57,6 +60,21 @@ class RESULTS(eqx.Enumeration):
     end_not_reached = "The run did not reach t1 in its number of steps. Take more steps, or a longer dt."
 
 
+_Item: Any = type(RESULTS.successful)
+
+
+class Outcome(_Item):
+    """A member of `RESULTS`, or one for each body, that prints as "successful" or as a sentence for each failure."""
+
+    def __repr__(self) -> str:
+        value: Any = self._value
+        if not isinstance(value, np.ndarray | Array) or isinstance(value, Tracer) or not value.size:
+            return f"RESULTS<{RESULTS[self]}>"
+        failed = np.asarray(self != RESULTS.successful)
+        told = reasons(self, failed) or "successful"
+        return f"{np.count_nonzero(failed)} of {failed.size} failed. {told}" if failed.ndim and failed.any() else told
+
+
 def reasons(result: Any, failed: np.ndarray) -> str:
     """The sentences of the results of failed runs, without repetition."""
     codes = np.ravel(jax.tree.leaves(result)[0])
@@ -77,4 +95,4 @@ def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> An
     ):
         found = RESULTS.where(verdict == code, result, found)
     end: Any = RESULTS.where(jnp.asarray(reached), RESULTS.successful, RESULTS.end_not_reached)
-    return RESULTS.where((verdict == FINE) & finite, end, found)
+    return Outcome(jax.tree.leaves(RESULTS.where((verdict == FINE) & finite, end, found))[0], RESULTS)
