@@ -222,6 +222,18 @@ def test_all_names_are_shown_and_imported_without_the_optimisers():
     assert printed(code).split() == ["True", "True", "True", "False"]
 
 
+def test_help_of_a_class_leaves_out_what_equinox_adds():
+    code = (
+        "import pydoc, midlie_jax as ml\n"
+        "for kind in (ml.RigidState, ml.CoupledState, ml.FreeBody, ml.torques.HeavyTop):\n"
+        "    text = pydoc.plain(pydoc.render_doc(kind))\n"
+        "    parts = ('__init__(self', 'from equinox', '__abstract', '__dataclass', '__hash__')\n"
+        "    print(*(part in text for part in parts))\n"
+        "print('__add__' in dir(ml.torques.HeavyTop))"
+    )
+    assert printed(code).split() == ["True", "False", "False", "False", "False"] * 4 + ["True"]
+
+
 def test_the_package_shows_the_names_of_its_stub():
     """And each is what it is in the file that the stub names, also after the folder `methods` was imported."""
     code = (

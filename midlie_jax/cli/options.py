@@ -288,10 +288,10 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "rates about the three principal axes. Empty cells are missing values. Prints the "
         "estimates with 95 % intervals. The exit code is 2 if the fit is not ok: if it did not "
         "converge, if its residuals are not noise of the size of sigma, or if the body rotates "
-        "by more than half a revolution between rows. Of a file that holds more than a free flight, "
-        "such as a phone in the hand before it and the catch after it, the part is taken in which "
-        "the rates satisfy Euler's equations of a free body for the most rotation; --from and --to "
-        "choose another. Times are numbers or dates in ISO 8601."
+        "by more than half a revolution between rows. If the file holds more than a free flight, "
+        "such as a phone in the hand before it and the catch after it, the command takes the part "
+        "with the largest rotation in which the rates satisfy Euler's equations of a free body; "
+        "--from and --to choose another. Times are numbers or dates in ISO 8601."
     )
     parser.add_argument("data", metavar="DATA.csv", help="the measurements")
     parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")

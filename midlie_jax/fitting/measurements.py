@@ -248,8 +248,8 @@ def check_parts(measurement: Measurement, names: set[str]) -> None:
     for field in ("bias", "reference", "markers", "origin", "lever", "gravity", "clock"):
         rule = getattr(getattr(measurement, field, None), "rule", None)
         if isinstance(rule, str) and rule not in names:
-            zero = "0.0" if field == "clock" else "[0.0, 0.0, 0.0]"
+            parts = {"clock": "Free(0.0)", "reference": "UnitVector([0.0, 0.0, 1.0])"}
             raise ValueError(
                 f"{field} of {type(measurement).__name__} must name a parameter, got {rule!r}, which is not in the "
-                f"guess; add it: guess = {{..., {rule!r}: Free({zero})}}."
+                f"guess; add it: guess = {{..., {rule!r}: {parts.get(field, 'Free([0.0, 0.0, 0.0])')}}}."
             )

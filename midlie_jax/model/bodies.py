@@ -14,6 +14,7 @@ from jax import Array
 from jaxtyping import Float
 
 from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
+from .._checks.brief_help import BriefHelp
 from .._math import components as cp
 from .._math.powers import unit as power_of_two
 from . import masses, so3
@@ -61,7 +62,7 @@ def read_as_tensor(name: str) -> str:
     return f"if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})"
 
 
-class Body(eqx.Module):
+class Body(eqx.Module, metaclass=BriefHelp):
     """Base class of bodies.
 
     A custom body defines `inertia` and overrides other methods where it differs; docs/extending.md shows an example.

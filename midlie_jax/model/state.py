@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_floats, described, same_batch
+from .._checks.brief_help import BriefHelp
 from .._math import components as cp
 from .bodies import Body
 from .kind import Kind, Leaves, by_leaf
@@ -27,7 +28,7 @@ Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
 Time = Array | float | int
 
 
-class State(eqx.Module):
+class State(eqx.Module, metaclass=BriefHelp):
     """Base class of states: momentum and configuration.
 
     A custom state is a subclass with arrays as fields and the class variables `body` and `leaves`. With two leaves, the

@@ -12,14 +12,13 @@ import numpy as np
 
 from .._checks.arguments import as_count, as_floats
 from ..drivers.path import AnyPath
-from ..model import so3
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, Coupled, OrientedState, TravellingState, attitude_of
 from .curves import as_axis, limits_around
-from .motion import Motion, motion_of, path_of_one
+from .motion import Motion, motion_of, path_of_one, slerp, to_matrix
 from .solids import CORNER, CORNERS, Shape, shape_of
 from .style import BLUE, FEW, ORANGE, SKY, VERMILLION, colours_of
 
@@ -298,9 +297,9 @@ def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.
         between /= np.linalg.norm(between, axis=1, keepdims=True)
         at = AxisState(jnp.zeros_like(between), jnp.asarray(between)).with_attitude().attitude
     else:
-        attitudes = jnp.asarray(attitude_of(states))
-        at = so3.slerp(attitudes[before], attitudes[after], jnp.asarray(share))
-    return np.asarray(so3.to_matrix(at), float)
+        attitudes = np.asarray(attitude_of(states))
+        at = slerp(attitudes[before], attitudes[after], share)
+    return np.asarray(to_matrix(at), float)
 
 
 def _travel(

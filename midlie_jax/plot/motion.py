@@ -14,6 +14,10 @@ from ..model.compatibility import check_body
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, TravellingState, attitude_of
 
+# Compiled, because a picture calls them for each body.
+slerp, to_matrix = jax.jit(so3.slerp), jax.jit(so3.to_matrix)
+_spatial_momentum = jax.jit(lambda states: states.spatial_momentum())
+
 
 class Motion(NamedTuple):
     """The motion of one body, or of coupled bodies, at n different times, n at least 2."""
@@ -48,13 +52,13 @@ class Motion(NamedTuple):
                 )
             tips = np.asarray(states.axis, float) * np.sign(axis[2])
         else:
-            tips = np.asarray(so3.to_matrix(jnp.asarray(attitude_of(states))), float) @ axis
+            tips = np.asarray(to_matrix(jnp.asarray(attitude_of(states))), float) @ axis
         return tips / np.linalg.norm(tips, axis=1, keepdims=True)
 
     @property
     def spatial_momenta(self) -> np.ndarray:
         """The angular momenta about the centre of mass or the fixed point, in space, (n, 3)."""
-        return np.asarray(self.turning.states.spatial_momentum(), float)
+        return np.asarray(_spatial_momentum(self.turning.states), float)
 
     def turns_by(self, body: Body) -> np.ndarray:
         """The approximate rotation angles of the body, or of its axis, from each time to the next, (n - 1,)."""

@@ -15,6 +15,7 @@ import jax
 from jax import Array
 
 from ..._checks.arguments import shown
+from ..._checks.brief_help import BriefHelp
 from ..._math import components as cp
 from ..state import Time
 from ..wrench import Wrench
@@ -22,7 +23,7 @@ from ..wrench import Wrench
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
-class Torque(eqx.Module):
+class Torque(eqx.Module, metaclass=BriefHelp):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 
     `torque(t, state)` is the torque (3,) in the body frame.
