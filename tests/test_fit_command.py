@@ -333,9 +333,10 @@ def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
     assert low < 0.4 < high
 
 
-def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, held=3.0, flight=1.2, flights=1):
-    """Random motion in a hand, a throw, a catch: times, rates with a bias, and begin and end of the last flight."""
-    rng, moments, dt, parts = np.random.default_rng(seed), np.array([0.9, 3.1, 3.9]), 1 / hz, []
+def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.0, flight=1.2, flights=1):
+    """Rest, random motion in a hand, a throw, a catch: times, rates with a bias, begin and end of the last flight."""
+    rng, moments, dt = np.random.default_rng(seed), np.array([0.9, 3.1, 3.9]), 1 / hz
+    parts = [np.zeros((int(still * hz), 3))]
     body = ml.RigidBody(moments)
     for k in range(flights):
         knots = np.linspace(0, held, int(4 * held) + 2)
@@ -363,6 +364,7 @@ def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, held=3.0, flight=1
         {"rate": (5.0, 9.0, 4.0)},
         {"rate": (1.0, 3.0, 12.0), "flight": 0.7},
         {"held": 30.0},
+        {"still": 30.0, "noise": 0.1},
         {"flights": 3},
     ],
     ids=str,

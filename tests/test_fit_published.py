@@ -3,9 +3,11 @@
 from functools import cache
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import benchmark, quick
+from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
 from midlie_jax import fitting
@@ -114,3 +116,45 @@ def test_a_gravity_gradient_gives_ratios_of_moments_only():
     assert result.confounded == [["moments[0]", "moments[1]", "moments[2]"]]
     truth = published.SATELLITE[:2] / published.SATELLITE[2]
     np.testing.assert_allclose(result.derived(published.ratios)[0], truth, rtol=0, atol=1e-9)
+
+
+THROWN = 1e-3 * np.array([[2.0, 0.1, 0.0], [0.1, 3.1, 0.2], [0.0, 0.2, 4.0]])  # kg m^2, arXiv 2503.13137
+
+
+def thrown(wheel):
+    """Times at 500 Hz and rates by SciPy: a wheel on axis 3 accelerates to the momentum `wheel` in 0.2 s."""
+
+    def slope(change):
+        def at(t, rates):
+            momentum = THROWN @ rates + [0.0, 0.0, min(5 * t, 1.0) * wheel]
+            return np.linalg.solve(THROWN, -np.cross(rates, momentum) - [0.0, 0.0, change])
+
+        return at
+
+    times, near = np.arange(401) / 500, {"rtol": 1e-11, "atol": 1e-12, "method": "DOP853"}
+    first = solve_ivp(slope(5 * wheel), (0.0, 0.2), [2.0, 1.5, 3.0], t_eval=times[:101], **near).y
+    second = solve_ivp(slope(0.0), (0.2, 0.8), first[:, -1], t_eval=times[100:], **near).y
+    return times, np.hstack([first, second[:, 1:]]).T + 0.005 * np.random.default_rng(1).standard_normal((401, 3))
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("wheel", [8e-3, 0.0])
+def test_a_throw_with_a_wheel_has_an_absolute_inertia(wheel):
+    times, rates = thrown(wheel)
+    spins = ml.spacecraft.ReactionWheels(lambda t: jnp.array([0.0, 0.0, wheel]) * jnp.minimum(5 * t, 1.0))
+
+    def model(values):
+        body = ml.TensorBody(values["inertia"])
+        return body, spins, ml.MomentumState(body.momentum(values["rate"]))
+
+    guess = {"inertia": fitting.InertiaTensor(np.diag([2.5e-3, 3e-3, 3.5e-3])), "rate": fitting.Free(rates[0])}
+    data = fitting.Rates(times, rates, 0.005)
+    if not wheel:
+        with pytest.raises(fitting.UndeterminedError, match="inertia"):
+            ml.fit(model, guess, data, dt=0.004, absolute_sigma=True)
+        return
+    result = ml.fit(model, guess, data, dt=0.004, absolute_sigma=True)
+    assert result.ok
+    truth, (low, high) = [*THROWN[np.triu_indices(3)], 2.0, 1.5, 3.0], result.intervals.T
+    assert np.all((low < truth) & (truth < high))
+    assert np.all((high - low)[[0, 3, 5]] < 0.005 * np.diag(THROWN))

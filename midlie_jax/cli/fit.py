@@ -25,7 +25,7 @@ from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, read, read_field
+from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, check_rates, read, read_field
 from .flight import free_flight, windows
 from .tables import require
 
@@ -157,7 +157,7 @@ def _problem(options: argparse.Namespace) -> Problem:
         iron = "iron" if options.hard_iron else None
         said = np.deg2rad(options.magnetometer_sigma)
         late = "clock" if clock else None
-        known = "field" if tracker else _UP
+        known = _UP if tracker is None else "field"
         seen = Directions(field.times - begin, field.vectors, said, reference=known, bias=iron, clock=late)
         measurements.append(seen)
         last = max(last, field.times[-1] - begin)
@@ -198,6 +198,7 @@ def _flight(options: argparse.Namespace, table: Table) -> Table:
         print(
             f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates"
         )
+    check_rates(options.data, table.lines, table.rates / UNITS_OF_RATE[options.unit])
     _check_flight(options, table)
     return table
 

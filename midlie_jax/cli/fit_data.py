@@ -153,8 +153,8 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None, Field | None]
 
     Raises:
         ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
-            cells of the header, a cell is not a number, a time is missing or goes back, a row is far faster than the
-            others, or the last row may be truncated. The message names the line or the column.
+            cells of the header, a cell is not a number, a time is missing or goes back, or the last row may
+            be truncated. The message names the line or the column.
     """
 
     def named(header: list[str]) -> list[str]:
@@ -180,7 +180,6 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None, Field | None]
     if not len(table.times):
         first, last = whole.shown(times[0]), whole.shown(times[-1])
         raise ValueError(f"{path} has no rows between --from and --to; its times go from {first} to {last}.")
-    _check_rates(path, table.lines, table.rates)
     field, tracker = np.split(others, [3 if wanted.field else 0], axis=1)
     return (
         table._replace(rates=table.rates * UNITS_OF_RATE[wanted.rate_unit]),
@@ -378,7 +377,7 @@ def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray, tex
         )
 
 
-def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
+def check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
     """Raises if one row is far faster than the others; a free body's speed ratio cannot exceed its moment ratio."""
     speeds = np.linalg.norm(rates, axis=1)
     usual = np.median(speeds[~np.isnan(speeds)]) if not np.all(np.isnan(speeds)) else 0.0
