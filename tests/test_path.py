@@ -11,6 +11,7 @@ from beartype import beartype
 from beartype.roar import BeartypeCallHintParamViolation
 from jaxtyping import jaxtyped
 from path_scenes import STATES
+from scipy.io import netcdf_file
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -129,3 +130,21 @@ def test_observed_values_are_tables_too(tmp_path):
     assert path.to_xarray().energy.dims == ("time",)
     with pytest.raises(ValueError, match="euler needs attitudes"):
         path.to_csv(tmp_path / "run.csv", euler="ZYX")
+
+
+def test_netcdf_holds_flags_whole_numbers_names_and_attributes(tmp_path):
+    """As xarray reads them, and SciPy alone."""
+    xarray = pytest.importorskip("xarray")
+    observe = {"a b/c": lambda t, s: s.momentum[0] > 0, "n_µ": lambda t, s: jnp.int32(3), "L": lambda t, s: s.momentum}
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2, observe=observe)
+    rigid = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2)
+    for data in (path.to_xarray(), rigid.to_xarray()):
+        data.to_netcdf(tmp_path / "run.nc")
+        with xarray.open_dataset(tmp_path / "run.nc") as read:
+            for name in data:
+                np.testing.assert_array_equal(read[name], data[name])
+                assert (read[name].dtype.kind, read[name].dims) == (data[name].dtype.kind, data[name].dims)
+                assert read[name].attrs == data[name].attrs
+    with netcdf_file(tmp_path / "run.nc", mmap=False) as plain:
+        assert plain.variables["attitude"].frame == b"body to space"
+        np.testing.assert_array_equal(plain.variables["momentum"][:], rigid.states.momentum)

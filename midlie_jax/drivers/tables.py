@@ -83,7 +83,8 @@ def to_csv(path: Any, file: str | os.PathLike[str], *, euler: str | None = None)
 def to_xarray(path: Any) -> Any:
     """The path as an `xarray.Dataset` with names, units and frames; its `to_netcdf` writes NetCDF.
 
-    Dimensions are body (if there are several), time, member (of coupled bodies) and components. Needs xarray.
+    Dimensions are body (if there are several), time, member (of coupled bodies) and components. Needs xarray, in
+    the extra `io`. SciPy, which comes with JAX, writes NetCDF of all values but complex numbers.
 
     Examples:
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=2)
