@@ -125,6 +125,55 @@ def test_a_surface_from_a_file_is_that_of_its_vertices(ending, tmp_path):
         ml.Surface.from_file(tmp_path / "box.txt")
 
 
+TABLES = {
+    "damit.txt": "{v} {f}\n{vertices_}\n{faces_}\n",
+    "indexed.tab": "{v}\n{vertices_numbered}\n{f}\n{faces_numbered}\n",
+    "letters.tab": "# radar\n{vertices_v}\n{faces_f}\n",
+    "corners.ver": "{v} {f}\n{vertices_}\n{faces_three}\n",
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("first", [1, 0])
+@pytest.mark.parametrize("name", TABLES)
+def test_a_surface_from_a_table_is_that_of_its_vertices(name, first, tmp_path):
+    """The layouts of DAMIT, of plate and of radar models of the PDS, and of `ver` files."""
+    vertices, faces = cuboid([1.0, 2.0, 3.0])
+
+    def rows(array, head):
+        return "\n".join(" ".join(map(str, (*head(k), *row.tolist()))) for k, row in enumerate(array, 1))
+
+    heads = {
+        "": lambda k: (),
+        "numbered": lambda k: (k,),
+        "v": lambda k: "v",
+        "f": lambda k: "f",
+        "three": lambda k: (3,),
+    }
+    text = {f"vertices_{name}": rows(vertices, head) for name, head in heads.items()}
+    text |= {f"faces_{name}": rows(faces + first, head) for name, head in heads.items()}
+    (tmp_path / name).write_text(TABLES[name].format(v=len(vertices), f=len(faces), **text))
+    read, own = ml.Surface.from_file(tmp_path / name, scale=10.0), ml.Surface(10 * vertices, faces)
+    np.testing.assert_array_equal(read.corners, own.corners)
+
+
+@pytest.mark.sample(0)
+def test_a_surface_is_repaired(tmp_path):
+    """A face inside out, one twice, one without area and a hole of one face; also in a table."""
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("networkx")
+    vertices, faces = cuboid([1.0, 2.0, 3.0])
+    wrong = np.concatenate([faces[:1, ::-1], faces[1:-1], faces[3:4], [[0, 0, 1]]])
+    trimesh.Trimesh(vertices, wrong, process=False).export(tmp_path / "wrong.ply")
+    rows = ["8 13", *(" ".join(map(str, row)) for row in [*vertices.tolist(), *wrong.tolist()])]
+    (tmp_path / "wrong.txt").write_text("\n".join(rows))
+    for name in ("wrong.ply", "wrong.txt"):
+        with pytest.raises(ValueError, match="faces must"):
+            ml.Surface.from_file(tmp_path / name)
+        surface = ml.Surface.from_file(tmp_path / name, repair=True)
+        assert (surface.count, float(surface.volume)) == (12, pytest.approx(6.0, rel=1e-6))
+
+
 # What is seen.
 
 

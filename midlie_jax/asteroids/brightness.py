@@ -13,7 +13,7 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, require, require_function
 from .._math import components as cp
 from .._xla.rows import sum_over_rows
-from ..model.facets import as_surface, of_facets
+from ..model.facets import as_lit_surface, of_facets, unshadowed, with_horizon
 from ..model.surface import Surface
 from .light import Light
 
@@ -92,9 +92,9 @@ class Brightness(Light):
     """The brightness of a surface: the sum of area albedo law over the facets that are lit and visible.
 
     It has units of area for an albedo of one, up to the solar flux and the distances; or it is a magnitude, -2.5 log10
-    of it. Facets do not shadow or hide each other, which is exact for convex surfaces. It is called as
-    `brightness(t, state)`, and can be passed as `observe`. Its derivatives are correct where facets rotate into the
-    dark.
+    of it. Facets shadow and hide each other after `surface.with_shadows()`; otherwise the sum is exact for convex
+    surfaces, and others give a warning. It is called as `brightness(t, state)`, and can be passed as `observe`. Its
+    derivatives are correct where facets rotate into the dark.
 
     Attributes:
         surface: the facets, in the frame of the body.
@@ -134,7 +134,7 @@ class Brightness(Light):
         phase: Any = None,
         magnitude: bool = False,
     ):
-        self.surface = as_surface(surface)
+        self.surface = as_lit_surface(surface)
         self._view(sun, observer, phase, magnitude)
         if isinstance(law, type):
             raise ValueError(f"law must be a law and not its class: write {law.__name__}().")
@@ -146,8 +146,8 @@ class Brightness(Light):
     def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
         surface = self.surface
         weights = surface.areas * of_facets("albedo", self.albedo, surface).astype(surface.areas.dtype)
-        columns = *cp.vector(surface.normals), weights
-        return sum_over_rows(lambda row, directions: _seen(self.law, row, *directions), columns, (sun, observer))
+        columns, tables = with_horizon((*cp.vector(surface.normals), weights), surface)
+        return sum_over_rows(lambda row, ways: _seen(self.law, row, *ways), columns, (sun, observer), tables)
 
 
 def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observer: cp.Vector) -> Array:
@@ -155,5 +155,5 @@ def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observ
     seen = (mu > 0) & (mu0 > 0)
     # The law is not called in the dark, where it may be 0/0 and the derivative of `where` would be NaN.
     one = jnp.ones_like(mu)
-    value = law(jnp.where(seen, mu, one), jnp.where(seen, mu0, one))
+    value = law(jnp.where(seen, mu, one), jnp.where(seen, mu0, one)) * unshadowed(row, 4, sun, observer)
     return jnp.where(seen, row[3] * value, jnp.zeros_like(value))

@@ -11,7 +11,17 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, require
 from .._math import components as cp
 from .._xla.rows import sum_over_rows
-from ..model.facets import as_amount, as_direction, as_fractions, as_surface, lit, of_facets, seen_from_body
+from ..model.facets import (
+    as_amount,
+    as_direction,
+    as_fractions,
+    as_lit_surface,
+    lit,
+    of_facets,
+    seen_from_body,
+    unshadowed,
+    with_horizon,
+)
 from ..model.state import AnyState, Time
 from ..model.states import TravellingState
 from ..model.surface import Surface
@@ -32,8 +42,9 @@ class Sunlight(Torque):
         -(flux / c) A mu ((1 - s) u + (2 s mu + 2/3 (d + h (1 - s - d))) n)
 
     at its centroid (O. Montenbruck, E. Gill, Satellite Orbits (2000), section 3.4, for s and d; D. P. Rubincam, Icarus
-    148 (2000) 2, for h = 1, a body without thermal inertia). Facets do not shadow or heat each other. For a
-    `RigidState` the result is the torque about the origin of the frame, the centre of mass; for a `FreeState` a wrench.
+    148 (2000) 2, for h = 1, a body without thermal inertia). Facets do not heat each other, and shadow each other after
+    `surface.with_shadows()`; without, a surface that is not convex gives a warning. For a `RigidState` the result is
+    the torque about the origin of the frame, the centre of mass; for a `FreeState` a wrench.
 
     Attributes:
         surface: the facets, in the frame of the body.
@@ -77,7 +88,7 @@ class Sunlight(Torque):
         *,
         speed_of_light: Any = SPEED_OF_LIGHT,
     ):
-        self.surface, self.direction = as_surface(surface), as_direction("direction", direction)
+        self.surface, self.direction = as_lit_surface(surface), as_direction("direction", direction)
         self.flux, self.speed_of_light = as_amount("flux", flux), as_floats("speed_of_light", speed_of_light)
         require("speed_of_light", self.speed_of_light, lambda c: c > 0, "must be positive", "give it in your units.")
         self.specular, self.diffuse = as_fractions("specular", specular), as_fractions("diffuse", diffuse)
@@ -96,9 +107,11 @@ class Sunlight(Torque):
         pressure = -jnp.asarray(flux, sun[0].dtype) / self.speed_of_light
         columns = self._columns()
         if not isinstance(state, TravellingState):
-            pushed, turned = sum_over_rows(_torques, columns[:-1], sun)
+            columns, tables = with_horizon(columns[:-1], self.surface)
+            pushed, turned = sum_over_rows(_torques, columns, sun, tables)
             return cp.pack(cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned)))
-        (pushed, turned), along, across = sum_over_rows(_loads, columns, sun)
+        columns, tables = with_horizon(columns, self.surface)
+        (pushed, turned), along, across = sum_over_rows(_loads, columns, sun, tables)
         torque = cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned))
         force = cp.scale(pressure, cp.add(cp.scale(along, sun), across))
         return Wrench(cp.pack(torque), cp.pack(state.to_space(force)))
@@ -121,11 +134,13 @@ class Sunlight(Torque):
 
 def _torques(row: Any, sun: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
     cosine = lit(cp.dot(row[0:3], sun))
-    return cp.scale(cosine, row[3:6]), cp.scale(cosine * (row[9] + row[10] * cosine), row[6:9])
+    light = cosine * unshadowed(row, 11, sun)
+    return cp.scale(light, row[3:6]), cp.scale(light * (row[9] + row[10] * cosine), row[6:9])
 
 
 def _loads(row: Any, sun: cp.Vector) -> tuple[tuple[cp.Vector, cp.Vector], Array, cp.Vector]:
     cosine = lit(cp.dot(row[0:3], sun))
-    across = cosine * (row[9] + row[10] * cosine)
-    torques = cp.scale(cosine, row[3:6]), cp.scale(across, row[6:9])
-    return torques, cosine * row[11], cp.scale(across, row[0:3])
+    light = cosine * unshadowed(row, 12, sun)
+    across = light * (row[9] + row[10] * cosine)
+    torques = cp.scale(light, row[3:6]), cp.scale(across, row[6:9])
+    return torques, light * row[11], cp.scale(across, row[0:3])

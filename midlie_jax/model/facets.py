@@ -1,6 +1,8 @@
 """Shared code for forces on facets and for their brightness: directions, numbers per facet, and sums."""
 
+import warnings
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, cast
 
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ from jax import Array
 
 from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require, vector_at
 from .._math import components as cp
+from .horizon import open_sky
 from .state import AnyState, Time
 from .surface import Surface
 
@@ -67,6 +70,34 @@ def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
     amount = as_floats(name, value)
     require(name, amount, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its units.")
     return amount
+
+
+def as_lit_surface(value: Any) -> Surface:
+    """The argument `surface`; with a warning if its facets should shadow each other, but do not."""
+    surface = as_surface(value)
+    if surface.corners is not None and surface.horizon is None and not cp.is_traced(surface) and not surface.is_convex:
+        warnings.warn(
+            "this surface is not convex, but its facets do not shadow each other; use surface.with_shadows().",
+            stacklevel=3,
+        )
+    return surface
+
+
+def with_horizon(columns: tuple[Array, ...], surface: Surface) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Columns with those of the horizon behind them, and its tables; for `sum_over_rows` and `unshadowed`."""
+    horizon = surface.horizon
+    if horizon is None:
+        return columns, ()
+    return (*columns, *cp.vector(horizon.across), horizon.sharpness), tuple(
+        table for table in (horizon.top, horizon.bottom) if table is not None
+    )
+
+
+def unshadowed(row: Any, columns: int, *directions: cp.Vector) -> Array | float:
+    """The fraction of a facet that sees all directions; `row` begins with the normal and has `columns` of its own."""
+    if len(row) == columns:
+        return 1.0
+    return reduce(jnp.minimum, [open_sky(row[columns:], direction, row[0:3]) for direction in directions])
 
 
 def lit(cosine: Array) -> Array:
