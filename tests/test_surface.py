@@ -1,6 +1,7 @@
 """Surfaces: volume and inertia by closed forms, what is seen of an ellipsoid, light curves, and input that is wrong."""
 
 import itertools
+import math
 import re
 from pathlib import Path
 
@@ -123,6 +124,23 @@ def test_a_surface_from_a_file_is_that_of_its_vertices(ending, tmp_path):
     (tmp_path / "box.txt").write_text("1 2 3")
     with pytest.raises(ValueError, match="give an OBJ, STL or PLY file"):
         ml.Surface.from_file(tmp_path / "box.txt")
+
+
+@pytest.mark.sample(0)
+def test_the_moments_of_a_tetrahedron_are_those_of_its_integrals():
+    """Of x^i y^j z^k over a right-angled one: a^(i+1) b^(j+1) c^(k+1) i! j! k!/(i + j + k + 3)!."""
+    surface = ml.Surface(*TETRAHEDRON)
+    legs = np.array([2.0, 3.0, 5.0])
+    for degree in (1, 2, 3, 4):
+        found = surface.moments(degree, 7.0)
+        for index in np.ndindex(*found.shape):
+            powers = np.bincount(index, minlength=3)
+            exact = np.prod(legs ** (powers + 1) * [math.factorial(p) for p in powers]) / math.factorial(degree + 3)
+            assert found[index] == pytest.approx(7 * exact, rel=1e-12)
+    turn, own = so3.exp(jnp.array([0.3, 1.2, -0.5])), surface.moments(3, 7.0)
+    matrix = so3.to_matrix(turn)
+    turned = jnp.einsum("ia,jb,kc,abc->ijk", matrix, matrix, matrix, own)
+    np.testing.assert_allclose(surface.turned(turn).moments(3, 7.0), turned, rtol=1e-11)
 
 
 TABLES = {

@@ -7,6 +7,8 @@ from .brightness import Scattering as Scattering
 from .ellipsoid import EllipsoidBrightness as EllipsoidBrightness
 from .mutual_gravity import MutualGravity as MutualGravity
 from .sunlight import Sunlight as Sunlight
+from .tides import SolarTide as SolarTide
+from .tides import TidalDissipation as TidalDissipation
 from .tumbling_motion import Tumble as Tumble
 from .tumbling_motion import tumble as tumble
 from .tumbling_motion import tumbling as tumbling

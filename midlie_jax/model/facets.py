@@ -84,7 +84,7 @@ def as_lit_surface(value: Any) -> Surface:
 
 
 def with_horizon(columns: tuple[Array, ...], surface: Surface) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Columns with those of the horizon behind them, and its tables; for `sum_over_rows` and `unshadowed`."""
+    """Columns with the horizon's behind them, and its tables; for `sum_over_rows` and `unshadowed`."""
     horizon = surface.horizon
     if horizon is None:
         return columns, ()

@@ -63,7 +63,7 @@ def horizon_of(corners: np.ndarray, normals: np.ndarray, azimuths: int, dtype: A
 
 
 def _together(high: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Top and bottom for a facet, and its width, from those of its points, (points, K)."""
+    """Top, bottom and width of a facet, from top and bottom at its points, (points, K)."""
     hidden = high > _FLAT
     some = hidden.any(0)
     if not some.any():

@@ -1,5 +1,7 @@
 """`Surface`: the facets of a body, for light and air, and the enclosed solid."""
 
+from itertools import combinations_with_replacement, permutations
+from math import factorial
 from os import PathLike
 from typing import Any
 
@@ -225,6 +227,24 @@ class Surface(eqx.Module):
     def inertia(self, density: Any) -> Float[Array, "3 3"]:
         """The inertia tensor of the homogeneous solid about its centre of mass, (3, 3), mass length^2."""
         return self.mass(density) * self._inside().per_mass
+
+    def moments(self, degree: int, density: Any) -> Array:
+        """The integrals of x_i x_j ... over the mass, (3,) * degree, about the origin, such as for `MutualGravity`.
+
+        Raises:
+            ValueError: the density is not positive, or the surface is not of closed triangles.
+        """
+        if self.solid is None or self.corners is None:
+            raise ValueError("moments need a closed surface of triangles; make every part of vertices and faces.")
+        a, b, c = (self.corners[:, i] for i in range(3))
+        six = jnp.sum(a * jnp.cross(b, c), axis=-1)
+        axes = "ijkl"[: as_count("degree", degree)]
+        product = f"n,{','.join('n' + i for i in axes)}->{axes}"
+        total = sum(jnp.einsum(product, six, *some) for some in combinations_with_replacement((a, b, c), degree))
+        orders = list(permutations(range(degree)))
+        symmetric = sum(jnp.transpose(jnp.asarray(total), order) for order in orders) / len(orders)
+        # Of a tetrahedron from the origin: J. B. Lasserre, K. E. Avrachenkov, Am. Math. Mon. 108 (2001) 151.
+        return _density(density) * (factorial(degree) / factorial(degree + 3)) * symmetric
 
     def body(self, density: Any) -> TensorBody:
         """The homogeneous body in the frame of the surface; the origin must be the centre of mass.
