@@ -177,6 +177,7 @@ def test_a_section_of_coupled_bodies():
         (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "path must hold at most 12 paths, got 13"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.ones(3)), "points must be (a, 3)"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.nan * SITES), "points must be finite"),
+        (lambda axes: ml.plot.animate(*apart(2), points=ml.Surface.box([1.0, 2.0, 3.0])), "drawn by its triangles"),
         (
             lambda axes: ml.plot.view(*named(*apart(2, ml.CoupledRigidState))),
             "path must be one path, got several of CoupledRigidStates",
@@ -187,3 +188,19 @@ def test_a_section_of_coupled_bodies():
 def test_what_cannot_be_drawn_is_refused_with_the_cure(draw, words):
     with pytest.raises(ValueError, match=re.escape(words)):
         draw(Figure().add_subplot(projection="3d"))
+
+
+def test_surfaces_are_drawn_by_their_triangles(tmp_path):
+    """In a view each body has the shape of its surface, enlarged, in one colour."""
+    corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]])
+    surface = ml.Surface(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    body, path = apart(2)
+    view = ml.plot.view(body, path, tmp_path / "pair.html", points=[surface, surface.moved([0.0, 0.0, 0.1])], frames=3)
+    (mesh,) = (trace for trace in view._figure["data"] if trace["type"] == "mesh3d")
+    assert (len(mesh["x"]), len(mesh["i"]), len(set(mesh["facecolor"]))) == (8, 8, 2)
+    drawn = np.stack([mesh[axis] for axis in "xyz"], axis=1)[:4]
+    sides = np.linalg.norm(drawn[:, None] - drawn[None], axis=-1)
+    exact = np.linalg.norm(corners[:, None] - corners[None], axis=-1)
+    ratio = np.sort(sides[sides > 0]) / np.sort(exact[exact > 0])
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-3)
+    assert ml.plot.animate(body, path, tmp_path / "pair.gif", points=[surface, surface], frames=2).exists()

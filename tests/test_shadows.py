@@ -6,20 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from laboratory import shadows
 from test_surface import STILL, TETRAHEDRON, unit
 
 import midlie_jax as ml
 from midlie_jax.model import so3
 
-
-class DarkLaw(ml.asteroids.Scattering):
-    """That of light curve inversion; without arrays, so that it is hashable."""
-
-    def __call__(self, mu, mu0):
-        return ml.asteroids.LommelSeeliger(0.1)(mu, mu0)
-
-
-LAW = DarkLaw()
+LAW = shadows.LAW
 
 
 def grid_box(lengths, divisions, centre=(0.0, 0.0, 0.0)):
@@ -38,58 +31,10 @@ def grid_box(lengths, divisions, centre=(0.0, 0.0, 0.0)):
     return ml.Surface(vertices, np.concatenate([square[:, [0, 1, 2]], square[:, [0, 2, 3]]]))
 
 
-def dumbbell():
-    """An oval of Cassini, turned about its long axis: two lobes with a thin neck."""
-    return stretched(3, lambda v: np.sqrt(2 * v[:, 0] ** 2 - 1 + np.sqrt((2 * v[:, 0] ** 2 - 1) ** 2 + 0.0824)))
-
-
-def cratered():
-    random, holes = np.random.default_rng(1), []
-    for _ in range(15):
-        centre, size = random.normal(size=3), random.uniform(0.2, 0.5)
-        holes.append((centre / np.linalg.norm(centre), size))
-
-    def radius(v):
-        angles = [(np.arccos(np.clip(v @ centre, -1, 1)) / size, size) for centre, size in holes]
-        return 1 + sum(0.45 * size * (np.minimum(angle, 1) ** 2 - 1) for angle, size in angles)
-
-    return stretched(3, radius)
-
-
-def stretched(subdivisions, radius):
-    trimesh = pytest.importorskip("trimesh")
-    ball = trimesh.creation.icosphere(subdivisions)
-    vertices = np.asarray(ball.vertices)
-    return ml.Surface(vertices * radius(vertices)[:, None], np.asarray(ball.faces))
-
-
-def bowl():
-    """Half of a hollow ball, open towards z."""
-    trimesh = pytest.importorskip("trimesh")
-    angles = np.linspace(0, np.pi / 2, 9)
-    wall = [(r * np.sin(a), -r * np.cos(a)) for r, order in ((0.8, 1), (1.0, -1)) for a in angles[::order]]
-    mesh = trimesh.creation.revolve(np.array(wall), sections=24)
-    mesh.merge_vertices()
-    mesh.update_faces(mesh.nondegenerate_faces())
-    faces = np.asarray(mesh.faces)
-    return ml.Surface(np.asarray(mesh.vertices), faces if mesh.volume > 0 else faces[:, ::-1])
-
-
-def pair():
-    """Two balls that touch."""
-    first, second = (stretched(3, lambda v, r=r: np.full(len(v), r)) for r in (1.0, 0.7))
-    return first.moved([-1.0, 0, 0]) + second.moved([0.7, 0, 0])
-
-
 @partial(jax.jit, static_argnames=("law", "magnitude"))
 def seen(surface, sun, observer, law=LAW, state=STILL, magnitude=False, albedo=1.0):
     light = ml.asteroids.Brightness(surface, sun, observer, law, magnitude=magnitude, albedo=albedo)
     return light(0.0, state)
-
-
-@jax.jit
-def light_curve(surface, suns, observers):
-    return jax.vmap(lambda sun, observer: seen(surface, sun, observer, magnitude=True))(suns, observers)
 
 
 quiet = pytest.mark.filterwarnings("ignore:this surface is not convex")
@@ -174,66 +119,16 @@ def test_a_surface_that_is_not_convex_gives_a_warning_without_shadows():
 
 # By ray tracing.
 
-PHASES = (0, 30, 60, 90)  # degrees
-
-
-def directions(phase, upright):
-    """24 rotations about an axis, the Sun and the observer at other latitudes."""
-    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-
-    def at(longitude, latitude):
-        x, y = np.cos(longitude) * np.cos(latitude), np.sin(longitude) * np.cos(latitude)
-        z = np.full_like(x, np.sin(latitude))
-        return np.stack([x, y, z] if upright else [z, x, y], axis=-1)
-
-    sun = at(turn, 0.4)
-    return sun, at(turn + np.radians(phase), -0.2) if phase else sun
-
-
-def points_of(k):
-    """Barycentric coordinates of the centres of k^2 equal triangles in one."""
-    upright = [((i + 1 / 3) / k, (j + 1 / 3) / k) for i in range(k) for j in range(k - i)]
-    others = [((i + 2 / 3) / k, (j + 2 / 3) / k) for i in range(k) for j in range(k - i - 1)]
-    points = np.array(upright + others)
-    return np.concatenate([1 - points.sum(1, keepdims=True), points], axis=1)
-
-
-def traced(surface, suns, observers, points):
-    """Magnitudes by rays from points of each facet to the Sun and to the observer."""
-    trimesh = pytest.importorskip("trimesh")
-    corners, normals = np.asarray(surface.corners), np.asarray(surface.normals)
-    mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
-    start = points[None] @ corners + 1e-6 * normals[:, None]
-    found = []
-    for sun, observer in zip(suns, observers, strict=True):
-        mu, mu0 = normals @ observer, normals @ sun
-        open_ = np.repeat(((mu > 0) & (mu0 > 0))[:, None], len(points), axis=1)
-        for way in (sun, observer):
-            rays = np.nonzero(open_)
-            open_[rays] = ~mesh.ray.intersects_any(start[rays], np.tile(way, (len(rays[0]), 1)))
-        weights = np.asarray(surface.areas) * open_.mean(1)
-        some = weights > 0
-        found.append(np.sum(weights[some] * np.asarray(LAW(jnp.asarray(mu[some]), jnp.asarray(mu0[some])))))
-    return -2.5 * np.log10(found)
-
-
-SHAPES = {"dumbbell": (dumbbell, 0.02), "craters": (cratered, 0.01), "bowl": (bowl, 0.03), "pair": (pair, 0.03)}
-
 
 @quiet
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", SHAPES)
-def test_a_light_curve_is_that_of_rays(name):
-    """To a thirtieth of what shadows change, or to a hundredth of a magnitude where that is more."""
+@pytest.mark.parametrize(("name", "most"), zip(shadows.SHAPES, (0.01, 0.02, 0.03, 0.03), strict=True))
+def test_a_light_curve_is_that_of_rays(name, most):
+    """To a hundredth of a magnitude, or to an eighth of what shadows change where that is more."""
+    pytest.importorskip("trimesh")
     pytest.importorskip("embreex")
-    make, most = SHAPES[name]
-    plain = make()
-    surface = plain.with_shadows()
-    phases = PHASES[:3] if name == "bowl" else PHASES  # beyond, all but the rim is dark
-    for phase in phases:
-        suns, observers = directions(phase, upright=name != "bowl")
-        exact = traced(plain, suns, observers, points_of(4))
-        without, own = (np.abs(light_curve(x, suns, observers) - exact).max() for x in (plain, surface))
+    plain = shadows.SHAPES[name]()
+    for without, own in shadows.errors(name, plain, plain.with_shadows()).values():
         assert own < most
         assert own < max(0.01, without / 8)
 

@@ -243,7 +243,7 @@ class Surface(eqx.Module):
         total = sum(jnp.einsum(product, six, *some) for some in combinations_with_replacement((a, b, c), degree))
         orders = list(permutations(range(degree)))
         symmetric = sum(jnp.transpose(jnp.asarray(total), order) for order in orders) / len(orders)
-        # Of a tetrahedron from the origin: J. B. Lasserre, K. E. Avrachenkov, Am. Math. Mon. 108 (2001) 151.
+        # For a tetrahedron from the origin: J. B. Lasserre, K. E. Avrachenkov, Am. Math. Mon. 108 (2001) 151.
         return _density(density) * (factorial(degree) / factorial(degree + 3)) * symmetric
 
     def body(self, density: Any) -> TensorBody:

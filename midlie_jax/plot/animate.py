@@ -32,7 +32,7 @@ def animate(
     azimuth: float = -55.0,
     background: str = "white",
     title: str = "",
-    points: ArrayLike | None = None,
+    points: Any = None,
     together: bool = False,
     box: ArrayLike | None = None,
     planet: float | None = None,
@@ -70,7 +70,8 @@ def animate(
         background: any colour of matplotlib; text is black or white, whichever has more contrast.
         title: a line above the picture.
         points: positions in the frame of the body, (a, 3), such as the atoms of a molecule. They replace the solid, and
-            the first is joined to each of the others; only for bodies with a mass.
+            the first is joined to each of the others; only for bodies with a mass. Or a `Surface` of triangles in the
+            frame of the body, or a list of surfaces, one for each of coupled bodies.
         together: whether several translating bodies are drawn in one space, instead of side by side.
         box: the lowest and the highest corner of a periodic box, (2, 3), in the units of the positions. The centres of
             the bodies are drawn in it, without tracks. Between saved states they must move by less than half the box.

@@ -17,6 +17,7 @@ from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, Coupled, OrientedState, TravellingState, attitude_of
+from ..model.surface import Surface
 from .curves import as_axis, limits_around
 from .motion import Motion, motion_of, path_of_one, slerp, to_matrix
 from .solids import CORNER, CORNERS, Shape, shape_of
@@ -485,12 +486,17 @@ def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
     return [panel._replace(shape=shape_of(body, points))]
 
 
+def _are_surfaces(points: Any) -> bool:
+    return isinstance(points, list | tuple) and all(isinstance(one, Surface) for one in points)
+
+
 def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Panel]:
     """Single bodies, all enlarged by one factor."""
     states: list[Any] = [motion_of(panel.path).states for panel in panels]
     for panel, own in zip(panels, states, strict=True):
         check_body(panel.body, own)
-    shapes = [shape_of(panel.body, points) for panel in panels]
+    own = points if _are_surfaces(points) else [points] * len(panels)
+    shapes = [shape_of(panel.body, one) for panel, one in zip(panels, own, strict=True)]
     sizes = [_size(panel.body, shape) for panel, shape in zip(panels, shapes, strict=True)]
     magnified = _magnified(sizes, [np.asarray(own.position, float) for own in states], around.box, meet)
     each = zip(panels, shapes, strict=True)

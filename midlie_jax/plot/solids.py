@@ -16,6 +16,7 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
+from ..model.surface import Surface
 
 CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1
 _THINNEST = 0.03  # thickness of a flat or thin body in the picture, relative to its longest side
@@ -27,12 +28,13 @@ FACES = ((4, 6, 7, 5), (0, 1, 3, 2), (2, 3, 7, 6), (0, 4, 5, 1), (1, 5, 7, 3), (
 
 
 class Shape(NamedTuple):
-    """A convex solid, scaled to the size of a picture."""
+    """A solid, scaled to the size of a picture."""
 
     corners: np.ndarray  # in the frame of the body, (c, 3), the outermost at the distance CORNER from the middle
     faces: tuple[tuple[int, ...], ...]  # loops of corners, counter-clockwise from outside; () for points
     round: bool  # whether the faces represent a curved surface, so that edges between them are not drawn
     reach: float  # the true distance of the outermost corner times the root of the mass, from the moments of inertia
+    one_colour: bool = False
 
     def inside(self, direction: np.ndarray) -> float:
         """The distance that a ray from the middle stays inside, in the units of the corners."""
@@ -41,14 +43,16 @@ class Shape(NamedTuple):
         loops = [self.corners[list(face[:3])] for face in self.faces]
         normals = np.array([np.cross(b - a, c - b) for a, b, c in loops])
         heights = np.sum(normals * np.array([loop[0] for loop in loops]), axis=1)
-        return 1 / float(np.max(normals @ direction / heights))
+        ahead = heights > 0  # of a surface that is not convex, some are not
+        rate = float(np.max(normals[ahead] @ direction / heights[ahead], initial=0))
+        return 1 / rate if rate else 0.0
 
 
 def shape_of(body: Any, points: Any = None) -> Shape:
     """A box with the moments of a rigid body; for a `SymmetricRotor` a cylinder, or a rod if only one moment is known.
 
     Flat and thin bodies are drawn with some thickness. Points (a, 3) in the frame of the body, such as the atoms of a
-    molecule, replace the solid.
+    molecule, or a `Surface` of triangles replace the solid.
 
     Raises:
         ValueError: the body is not one body that rotates; the points have another shape, or the body has no mass, which
@@ -66,6 +70,8 @@ def shape_of(body: Any, points: Any = None) -> Shape:
     solid = _cylinder(turning) if isinstance(turning, SymmetricRotor) else _box(turning)
     if points is None:
         return solid
+    if isinstance(points, Surface):
+        return _surface(body, points)
     sites = np.asarray(as_floats("points", points), float)
     if sites.ndim != 2 or sites.shape[1] != 3 or not len(sites):
         raise ValueError(f"points must be (a, 3), positions in the frame of the body, got {sites.shape}.")
@@ -73,6 +79,16 @@ def shape_of(body: Any, points: Any = None) -> Shape:
     if not isinstance(body, FreeBody):
         raise ValueError(f"body must be a FreeBody, whose mass gives points their scale, got {body_named(body)}.")
     return Shape(sites * (CORNER * float(body.mass) ** 0.5 / solid.reach), (), False, solid.reach)
+
+
+def _surface(body: Any, surface: Surface) -> Shape:
+    if surface.corners is None:
+        raise ValueError("a surface is drawn by its triangles; make every part of vertices and faces.")
+    corners, loops = np.unique(np.asarray(surface.corners, float).reshape(-1, 3), axis=0, return_inverse=True)
+    reach = float(np.linalg.norm(corners, axis=1).max())
+    mass = float(body.mass) if isinstance(body, FreeBody) else 1.0
+    faces = tuple(map(tuple, loops.reshape(-1, 3).tolist()))
+    return Shape(corners * (CORNER / reach), faces, True, reach * mass**0.5, one_colour=True)
 
 
 def _box(body: RigidBody | TensorBody) -> Shape:

@@ -107,7 +107,7 @@ def view(
     axis: str | int | ArrayLike = 2,
     frames: int = 200,
     title: str = "",
-    points: ArrayLike | None = None,
+    points: Any = None,
     together: bool = False,
     box: ArrayLike | None = None,
     planet: float | None = None,
@@ -253,6 +253,7 @@ def _solids(scene: Scene, points: np.ndarray, digits: int) -> dict[str, Any]:
     corners, colours, begin = list[tuple[int, int, int]](), list[str](), 0
     for member, own in zip(scene.members, scene.colours, strict=True):
         several = _ROUND_COLOURS if member.shape.round else _FACE_COLOURS
+        several = several[:1] if member.shape.one_colour else several
         for place, face in enumerate(member.shape.faces):
             triangles = [(begin + face[0], begin + b, begin + c) for b, c in pairwise(face[1:])]
             corners.extend(triangles)
