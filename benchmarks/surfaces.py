@@ -1,4 +1,4 @@
-"""Surfaces: what sunlight and shadows on facets cost, and a light curve: docs/reports/applications.md, docs/surfaces.md.
+"""Surfaces: what sunlight and shadows cost, and a light curve: docs/reports/applications.md and docs/surfaces.md.
 
     python benchmarks/surfaces.py cost [--write]      a step with sunlight beside a loop in C over the same facets
     python benchmarks/surfaces.py shadows [--write]   shadows beside ray tracing, and their run time; needs embreex

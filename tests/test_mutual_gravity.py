@@ -243,3 +243,59 @@ def test_what_it_cannot_act_on_is_refused():
     axes = ml.CoupledFreeAxisState.of(start)
     with pytest.raises(ValueError, match="CoupledFreeAxisState"):
         ml.integrate("SYMMETRIC[EA]", ml.FreeBody(ml.SymmetricRotor(1.0), 1.0), torque, axes, dt=1.0, steps=1)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize(("degree", "short"), [(0, 0.324), (2, 0.121), (4, 0.048)])
+def test_near_contact_the_force_is_as_short_as_published(degree, short):
+    """A homogeneous spheroid (3, 1, 1) and a ball at the distance 4 on its axis: 0.09241893 (arXiv 2301.10083)."""
+    squares = np.array([9.0, 1.0, 1.0])
+    moments = np.stack([(squares.sum() - squares) / 5, np.full(3, 1e-9)])
+    pair = ml.FreeBody(ml.RigidBody(moments), np.ones(2))
+    still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+    state = ml.CoupledState(still, upright, still, jnp.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]))
+    force = ml.asteroids.MutualGravity(1.0, degree=degree).on(pair)(0.0, state).force[0, 0]
+    assert 1 - float(force) / 0.09241893 == pytest.approx(short, abs=5e-4)
+
+
+@pytest.mark.sample(0)
+def test_moments_of_a_polyhedron_give_the_force_of_its_points():
+    """Of two tetrahedra, each also as 15 points of mass that have its moments up to degree 5."""
+    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    body, surface = ml.Surface(vertices, faces).principal(1.0)
+    third, fourth = (jnp.stack([surface.moments(d, 1.0)] * 2) for d in (3, 4))
+    pair = ml.FreeBody(ml.RigidBody(jnp.stack([body.moments] * 2)), jnp.full(2, surface.mass(1.0)))
+    # The rule of P. Keast, Comput. Methods Appl. Mech. Eng. 55 (1986) 339.
+    corners = np.asarray(surface.corners)
+    points, weights = keast()
+    own = points @ np.unique(np.round(corners.reshape(-1, 3), 9), axis=0)
+    mass = weights * float(surface.mass(1.0))
+    apart = np.array([60.0, -20.0, 30.0])
+    way = own[None] + apart - own[:, None]
+    forces = mass[:, None] * mass * np.linalg.norm(way, axis=-1) ** -3
+    exact = np.einsum("ij,ijk->k", forces, way)
+    still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+    state = ml.CoupledState(still, upright, still, jnp.stack([jnp.zeros(3), jnp.asarray(apart)]))
+    errors = []
+    for degree in (2, 4):
+        moments = {"third": third, "fourth": fourth} if degree == 4 else {}
+        wrench = ml.asteroids.MutualGravity(1.0, degree=degree, **moments).on(pair)(0.0, state)
+        errors.append(np.linalg.norm(wrench.force[0] - exact) / np.linalg.norm(exact))
+    assert errors[1] < 1e-6
+    assert errors[1] < errors[0] / 30
+
+
+def keast():
+    """Points and weights on the reference tetrahedron, 15 of them, exact to degree 5."""
+    root = np.sqrt(15)
+    rows = [([0.25] * 4, 16 / 135)]
+    for sign in (1, -1):
+        a = (7 + sign * root) / 34
+        rows += [(np.roll([1 - 3 * a, a, a, a], k), (2665 - sign * 14 * root) / 37800) for k in range(4)]
+    b = (10 - 2 * root) / 40
+    for i, j in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        point = np.full(4, b)
+        point[[i, j]] = 0.5 - b
+        rows.append((point, 10 / 189))
+    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
