@@ -96,7 +96,9 @@ def test_a_convex_surface_has_no_shadows_and_gives_no_warning():
     surface = ml.Surface(*TETRAHEDRON)
     directions = np.random.default_rng(3).normal(size=(20, 2, 3))
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    own, with_shadows = (light_curve(x, directions[:, 0], directions[:, 1]) for x in (surface, surface.with_shadows()))
+    own, with_shadows = (
+        shadows.light_curve(x, directions[:, 0], directions[:, 1]) for x in (surface, surface.with_shadows())
+    )
     np.testing.assert_allclose(own, with_shadows, rtol=1e-13)
     assert surface.is_convex
     assert not wall_and_floor().is_convex
@@ -122,7 +124,7 @@ def test_a_surface_that_is_not_convex_gives_a_warning_without_shadows():
 
 @quiet
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(("name", "most"), zip(shadows.SHAPES, (0.01, 0.02, 0.03, 0.03), strict=True))
+@pytest.mark.parametrize(("name", "most"), list(zip(shadows.SHAPES, (0.01, 0.02, 0.03, 0.03), strict=True)))
 def test_a_light_curve_is_that_of_rays(name, most):
     """To a hundredth of a magnitude, or to an eighth of what shadows change where that is more."""
     pytest.importorskip("trimesh")

@@ -93,7 +93,7 @@ def phases_of(name: str) -> tuple[int, ...]:
 # ---- light curves ----
 
 
-def directions(phase: float) -> tuple[np.ndarray, np.ndarray]:
+def directions(phase: int) -> tuple[np.ndarray, np.ndarray]:
     """Directions of the Sun and of the observer, (24, 3), around the z axis at other latitudes."""
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 
@@ -119,7 +119,7 @@ def traced(surface: ml.Surface, suns: np.ndarray, observers: np.ndarray) -> np.n
 
     corners, normals, points = np.asarray(surface.corners), np.asarray(surface.normals), points_of(4)
     mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
-    start = points[None] @ corners + 1e-6 * normals[:, None]
+    start = points[None] @ corners + 1e-6 * np.abs(corners).max() * normals[:, None]  # embree has float32
     found = list[float]()
     for sun, observer in zip(suns, observers, strict=True):
         mu, mu0 = normals @ observer, normals @ sun
