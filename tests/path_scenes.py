@@ -267,6 +267,11 @@ TORQUES: dict[str, tuple[str, Any]] = {
     ),
     "MutualGravity": ("two", ml.asteroids.MutualGravity(0.5, degree=4)),
     "MutualGravity, many": ("five", ml.asteroids.MutualGravity(0.3)),
+    "SolarTide": (
+        "free top",
+        ml.asteroids.SolarTide(ml.orbits.CircularOrbit([3.0, 0.0, 0.0], [0.0, 0.6, 0.8], 1.2), 1.2),
+    ),
+    "TidalDissipation": ("two", ml.asteroids.TidalDissipation(0.5, 0.05, 0.3) + ml.asteroids.MutualGravity(0.5)),
     "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + ml.asteroids.MutualGravity(0.3)),
     "Rod": ("five", ml.molecules.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),
     "AppliedField": ("spins", ml.spins.AppliedField([0.1, 0.2, 0.7])),

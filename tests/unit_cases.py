@@ -182,6 +182,10 @@ TORQUES = {
     "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving, WRENCH),
     "Thrust": on(lambda u: ml.spacecraft.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving, WRENCH),
     "MutualGravity": on(lambda u: ml.asteroids.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair, WRENCH),
+    "SolarTide": on(lambda u: ml.asteroids.SolarTide(round_orbit(u), u(20.0, MU)), moving, WRENCH),
+    "TidalDissipation": on(
+        lambda u: ml.asteroids.TidalDissipation(u(2.0, (3, -1, -2)), u(0.3, TIME), u(1.0, LENGTH)), pair, WRENCH
+    ),
     "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair, WRENCH),
     "Rod": on(
         lambda u: ml.molecules.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))),

@@ -167,12 +167,14 @@ class TidalDissipation(ReadsBody):
             way = cp.subtract(places[j], places[i])
             inverse = cp.inverse_root(cp.dot(way, way))
             u, v = cp.scale(inverse, way), cp.subtract(speeds[j], speeds[i])
-            size, mass = radii[i] * inverse, bodies[j].mass * inverse
-            strength = -3 * lags[i] * self.G * mass * mass * inverse * size**5
+            size, mass = radii[i] * inverse, bodies[j].mass
+            # The mass comes last: its square, or a force where a torque is representable, may be out of range.
+            strength = -3 * lags[i] * (self.G * mass * inverse) * inverse * inverse * size**5
             along = cp.scale(2 * cp.dot(u, v), u)
-            force = cp.scale(strength, cp.add(along, cp.add(v, cp.cross(way, spins[i]))))
+            push = cp.scale(strength, cp.add(along, cp.add(v, cp.cross(way, spins[i]))))
+            force = cp.scale(mass, push)
             forces[j], forces[i] = cp.add(forces[j], force), cp.subtract(forces[i], force)
-            torques[i] = cp.subtract(torques[i], cp.cross(way, force))
+            torques[i] = cp.subtract(torques[i], cp.scale(mass, cp.cross(way, push)))
         own = [cp.pack(cp.rotate_back(q, torque)) for q, torque in zip(attitudes, torques, strict=True)]
         return Wrench(jnp.stack(own), jnp.stack([*map(cp.pack, forces)]))
 
