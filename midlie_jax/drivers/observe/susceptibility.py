@@ -22,6 +22,13 @@ class Response(NamedTuple):
         real_error, imag_error: (lags + 1,), standard errors, from the spread over the bodies; NaN for fewer than two
             bodies.
         number: (lags + 1,), number of bodies counted: bodies with more than `lags` values.
+
+    Examples:
+        >>> values = jnp.asarray(np.random.default_rng(0).normal(size=(8, 100)))  # of 8 bodies 100 values each
+        >>> response = ml.observe.Susceptibility(ml.observe.energy, lags=20, kT=0.5)  # given to a run as observe=
+        >>> found = response.of_bodies(values, jnp.ones((8, 100), bool), jnp.asarray(0.1))
+        >>> found.real.shape, found.imag[0].item(), found.number[0].item()
+        ((21,), 0.0, 8)
     """
 
     frequency: Float[Array, "*batch f"]

@@ -72,7 +72,7 @@ class KeplerOrbit(Orbit):
                     "velocity must not be along the position, or zero, because such an orbit falls into the "
                     "centre; give it a part across the position."
                 )
-        # A flight past a small asteroid may be as fast as other units would seem.
+        # A flight past a small asteroid may have the speed of a table in other units.
         check_units(self, self.mu, np.inf, "start nearer to the periapsis")
 
     @classmethod
