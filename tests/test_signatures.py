@@ -28,6 +28,7 @@ DEFAULTS = {
     ("save_every", "integrate_variable_step"): "1: a path of one body is small",
     ("steps", "check"): "None: as many as a trial needs",
     ("method", "fit"): "by keyword, JACOBI[EA]: most fits take it",
+    ("dt", "fit"): "None: the closed form of the free motion has no step",
 }
 PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 

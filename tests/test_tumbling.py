@@ -235,3 +235,46 @@ def test_derivatives_beside_a_rotation_about_the_middle_axis_are_finite():
         return jnp.sum(found.short_axis_period) + jnp.sum(found.energy_ratio)
 
     assert np.isfinite(jax.grad(periods)(jnp.array([[0.0, 1.0, 0.0], [0.2, 0.1, 1.0]]))).all()
+
+
+def test_toutatis_from_published_euler_angles():
+    """Takahashi, Busch and Scheeres (2013), 23 days later by the test of another program (Principia)."""
+    body = ml.RigidBody([3.0836, 3.235, 1.0])
+    rates, angles = np.deg2rad([[14.5, 33.7, -98.5], [147.5, 63.9, 241.5]])
+    start = ml.RigidState(body.momentum(jnp.asarray(rates)), ml.so3.from_euler(jnp.asarray(angles), "ZXZ"))
+    later = jax.tree.map(lambda x: x[0], ml.free_motion(body, start, [23.159872685]).states)
+    np.testing.assert_allclose(np.rad2deg(body.velocity(later.momentum)), [-38.5472, 1.4563, -97.1380], atol=6e-5)
+    euler = np.rad2deg(ml.so3.to_euler(later.attitude, "ZXZ")) % 360
+    np.testing.assert_allclose(euler, [115.5176, 81.9609, 110.6934], atol=6e-5)
+    found = ml.asteroids.tumble(body, start)
+    assert not found.short_axis
+    np.testing.assert_allclose([found.rotation_period, found.long_axis_period], [5.3804, 7.3996], atol=6e-5)
+
+
+def test_debris_with_two_equal_moments():
+    """C. Robinson and C. Frueh (2025): 93.084 s at 83.62 degrees, and 279.25 s."""
+    body, mrp = ml.RigidBody([1.0, 1.0, 0.25]), -np.ones(3) / 3
+    square = mrp @ mrp
+    attitude = np.append(1 - square, 2 * mrp) / (1 + square)
+    start = ml.RigidState(body.momentum(jnp.array([0.03, 0.06, 0.03])), attitude)
+    found = ml.asteroids.tumble(body, start)
+    np.testing.assert_allclose([found.long_axis_period, found.rotation_period], [93.084, 279.25], rtol=1e-5)
+    axis = ml.so3.rotate(start.attitude, jnp.array([0.0, 0.0, 1.0]))
+    assert np.rad2deg(np.arccos(axis @ found.pole)) == pytest.approx(83.62, abs=0.005)
+
+
+def test_all_modes_of_a_pair_of_periods():
+    """Each start has the pair in its mode and about its axis; the rates of both axes differ by a circuit."""
+    given = {"precession_period": 5.0, "rotation_period": 40.0, "pole": POLE, "phases": (0.1, 0.2)}
+    starts = ml.asteroids.tumblings(BODY, **given)
+    assert set(starts) == {(mode, axis) for mode in ("short", "long") for axis in ("short", "long")}
+    for (mode, axis), start in starts.items():
+        found = ml.asteroids.tumble(BODY, start)
+        assert bool(found.short_axis) is (mode == "short")
+        np.testing.assert_allclose([period(found, axis), found.rotation_period], [5.0, 40.0], rtol=1e-10)
+        difference = 1 / found.short_axis_period - 1 / found.long_axis_period
+        assert difference == pytest.approx(1 / 40, rel=1e-10)
+    assert set(ml.asteroids.tumblings(BODY, **given, axis="long")) == {("short", "long"), ("long", "long")}
+    assert not ml.asteroids.tumblings(BODY, **(given | {"rotation_period": 3.0}), axis="short")
+    with pytest.raises(ValueError, match="pole must not be zero"):
+        ml.asteroids.tumblings(BODY, **(given | {"pole": [0.0, 0.0, 0.0]}))

@@ -6,9 +6,11 @@ from .brightness import LommelSeeliger as LommelSeeliger
 from .brightness import Scattering as Scattering
 from .ellipsoid import EllipsoidBrightness as EllipsoidBrightness
 from .mutual_gravity import MutualGravity as MutualGravity
+from .photometry import Photometry as Photometry
 from .sunlight import Sunlight as Sunlight
 from .tides import SolarTide as SolarTide
 from .tides import TidalDissipation as TidalDissipation
 from .tumbling_motion import Tumble as Tumble
 from .tumbling_motion import tumble as tumble
 from .tumbling_motion import tumbling as tumbling
+from .tumbling_motion import tumblings as tumblings

@@ -39,6 +39,18 @@ _MODES = ("short", "long")
 class Tumble(NamedTuple):
     """The result of `tumble`: how a body tumbles at a state.
 
+    - The *pole* is the direction of the angular momentum L, fixed in space.
+    - *Short-axis mode* (SAM): L circles the axis of the largest moment in the body frame. *Long-axis mode* (LAM): L
+      circles the axis of the smallest moment. The time of one circuit is the rotation period, P_psi.
+    - The *precession periods*, P_phi, are the mean times in which the short or the long axis circles L in space. In
+      both modes 1 / P_short = 1 / P_long + 1 / P_psi. Light curves show frequencies such as 2 / P_short and 2 / P_long,
+      so a published pair (P_phi, P_psi) may mean either axis and either mode: see `tumblings`.
+    - The *phases* (s, phi): s is the share of the rotation period since L had no component along the middle axis and
+      positive ones along the other two; phi is the angle about the pole.
+
+    Published Euler angles and rates need no conversion to phases: `RigidState(body.momentum(rates),
+    so3.from_euler(angles, "ZXZ"))`, with angles of body axes 3, 1, 3 and rates about body axes, in radians.
+
     Attributes:
         short_axis: whether the momentum circles the axis of the largest moment; otherwise the axis of the smallest.
         energy_ratio: 2 E Ic / |L|^2, the energy relative to a rotation about the short axis with the same momentum, at
@@ -60,6 +72,15 @@ class Tumble(NamedTuple):
         (Array(3.887, dtype=float64), Array(6.227, dtype=float64))
         >>> found.pole.round(4)
         Array([0.0797, 0.0398, 0.996 ], dtype=float64)
+
+        Toutatis on 8 December 1992 (Y. Takahashi, M. Busch, D. Scheeres, Astron. J. 146 (2013) 95), time in days:
+
+        >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])
+        >>> rates, angles = jnp.deg2rad(jnp.array([[14.5, 33.7, -98.5], [147.5, 63.9, 241.5]]))
+        >>> start = ml.RigidState(toutatis.momentum(rates), ml.so3.from_euler(angles, "ZXZ"))
+        >>> found = ml.asteroids.tumble(toutatis, start)
+        >>> bool(found.short_axis), found.rotation_period.round(4), found.long_axis_period.round(4)
+        (False, Array(5.3804, dtype=float64), Array(7.3996, dtype=float64))
     """
 
     short_axis: Bool[Array, "*batch"]
@@ -184,6 +205,45 @@ def tumbling(
     turns = turns + _further_turns(axis, mode)
     momentum, attitude = _start_of(principal, body.frame_of_user(), turns, rotation, pole, s, phi, mode == "short")
     return RigidState(momentum, attitude)
+
+
+def tumblings(
+    body: Body, *, precession_period: Any, rotation_period: Any, pole: Any, phases: Any, axis: str | None = None
+) -> dict[tuple[str, str], RigidState]:
+    """All starts with a published pair of periods, if it does not say which mode and which axis it means.
+
+    Args:
+        body, precession_period, rotation_period, pole, phases: as for `tumbling`, not traced.
+        axis: the axis of the precession, if it is known; None for both.
+
+    Returns:
+        The start for each (mode, axis) that allows these periods, such as ("long", "long"): at most four, and none for
+        a body that cannot have them.
+
+    Raises:
+        ValueError: as for `tumbling`, unless no motion has these periods.
+
+    Examples:
+        >>> body = ml.RigidBody([1.0, 3.0836, 3.235])  # Toutatis; periods in days
+        >>> starts = ml.asteroids.tumblings(
+        ...     body, precession_period=7.3996, rotation_period=5.3804, pole=[0.0, 0.0, 1.0], phases=(0.0, 0.0)
+        ... )
+        >>> list(starts)
+        [('long', 'long')]
+    """
+    found: dict[tuple[str, str], RigidState] = {}
+    given = {"precession_period": precession_period, "rotation_period": rotation_period}
+    for mode in _MODES:
+        for about in _MODES if axis is None else (axis,):
+            try:
+                found[mode, about] = tumbling(body, **given, axis=about, pole=pole, phases=phases, mode=mode)
+            except _ImpossibleError:
+                continue
+    return found
+
+
+class _ImpossibleError(ValueError):
+    pass
 
 
 @eqx.filter_jit
@@ -340,7 +400,7 @@ def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> s
         )
     if not able or (mode is not None and not can[mode]):
         limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)
-        raise ValueError(
+        raise _ImpossibleError(
             f"rotation_period must be at least {limits} times the precession_period of the {axis} "
             f"axis for this body, got {shown(turns)} times; check the moments and the axis."
         )

@@ -37,7 +37,7 @@ _READINGS = {  # conversion of each to (w, x, y, z) from body to space, and how 
 
 
 def checked_model(
-    model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method
+    model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method, free: bool = False
 ) -> tuple[Method, bool]:
     """The fitted method, and whether the model holds several bodies; raises a ValueError if the data do not fit."""
     values = layout.values(layout.start())
@@ -47,6 +47,8 @@ def checked_model(
         raise ValueError(
             f"model must take the values of the guess and return (body, torque, start): {error}"
         ) from error
+    if free and (torque is not None or start.several):
+        raise ValueError('torque must be None for "free_motion", of one body; name another method, and give dt.')
     refused = "fit compares one motion with the measurements, and in a heat bath there are many"
     method = check_system(method, body, torque, start, bath=refused)
     if not start.own_axes:

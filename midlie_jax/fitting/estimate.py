@@ -17,6 +17,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit  # SciPy is a dependency of JAX
 
+from .loss import Loss
 from .noise import explained, remainders_of, within_sigmas
 from .parameters import InertiaTensor, Moments, Parameter, UnitQuaternion
 from .problem import Data
@@ -111,8 +112,8 @@ class Estimate(eqx.Module):
         covariance: (k, k), of the coordinates, to first order; infinite for coordinates that the data do not determine.
         intervals: (k, 2), the 95 % confidence intervals of the coordinates.
         residuals: (r,), model minus measurement over sigma; zero where a measurement is missing.
-        rms: the root mean square of the residuals that are present.
-        dof: the number of residuals that are present, minus the number of unconstrained numbers.
+        rms: the root mean square of the residuals that are present; with a loss, of `Loss.judged`.
+        dof: the number of residuals that are present, minus the numbers of unconstrained numbers and linear unknowns.
         quantile: half the width of an interval over the standard deviation.
         unconstrained: (p, p), the covariance of the unconstrained numbers, restricted to the combinations that are
             determined.
@@ -157,6 +158,7 @@ def estimate_at(
     steps: Array,
     converged: Array,
     absolute_sigma: bool,
+    loss: Loss | None = None,
 ) -> Estimate:
     """The estimate for a vector at which the sum of squares is minimal.
 
@@ -164,9 +166,11 @@ def estimate_at(
     """
     found, good, jacobian = at_optimum
     spectrum = Spectrum.of(jacobian)
+    raw = found if loss is None else loss.residuals(found)
+    found = found if loss is None else loss.judged(raw)
     present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
     count, squares = jnp.sum(present), jnp.sum(found**2)
-    dof = count - vector.size
+    dof = count - vector.size - sum(m.linear for m in data.measurements)
     one = jnp.ones_like(squares)
     enough = jnp.maximum(dof, 1).astype(one.dtype)
     unconstrained = (one if absolute_sigma else squares / enough) * spectrum.covariance()
@@ -198,7 +202,7 @@ def estimate_at(
         jnp.sqrt(squares / count.astype(one.dtype)),
     )
     return Estimate(
-        vector, values, coordinates, covariance, intervals, found, rms, dof, quantile, unconstrained, spectrum, steps,
+        vector, values, coordinates, covariance, intervals, raw, rms, dof, quantile, unconstrained, spectrum, steps,
         converged & good, result, result == 0,
     )  # fmt: skip
 

@@ -5,7 +5,8 @@ in words. `fit_arrays` (in `solve`) is the same search without words, for many d
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,12 +18,14 @@ from ..integrators.base import Method
 from .checks import checked_model
 from .estimate import Result, complaint, confounded
 from .instruments import of_which
+from .loss import Loss, as_loss
 from .measurements import Measurement, check_parts
 from .noise import aliases_of
-from .parameters import Layout
+from .parameters import Layout, placed
 from .problem import Data, Model, Problem
 from .report import Fit, UndeterminedError, message_of
-from .sampling import Grid, check_grid
+from .sampling import Closed, Grid, check_grid
+from .search import Minimum, minima_of, starts_over
 from .solve import Plan, Solver, solved
 
 _MOST_STEPS = 2**31 - 1  # int32 counts them
@@ -33,16 +36,18 @@ def fit(
     guess: Any,
     measurements: Measurement | Sequence[Measurement],
     *,
-    dt: float,
+    dt: float | None = None,
     method: Method | str = "JACOBI[EA]",
     t0: float = 0.0,
     starts: int = 1,
+    ranges: Mapping[str, Any] | None = None,
     spread: float = 0.1,
     seed: int = 0,
     segments: int = 1,
     continuity: float = 1e3,
     first_span: float | None = None,
     absolute_sigma: bool = False,
+    loss: Loss | str | None = None,
     solver: Solver | None = None,
     max_steps: int = 200,
     require_rank: bool = True,
@@ -60,11 +65,19 @@ def fit(
         guess: a pytree, such as a dict, whose leaves are parameters from `midlie_jax.fitting`.
         measurements: one or several.
         dt: the step, as for `midlie_jax.integrate`; the error of the run must be smaller than the errors of the
-            measurements.
-        method: the method of the run.
-        t0: the time of `start`, not after the first measurement.
+            measurements. Not needed for "free_motion".
+        method: the method of the run; or "free_motion" for the closed form `midlie_jax.free_motion` of a body without
+            torque, whose run time does not grow with the length of time.
+        t0: the time of `start`, not after the first measurement (at any time for "free_motion").
         starts: the number of initial guesses. The first is the guess, the others are drawn around it; the best of all
             fits is returned.
+        ranges: ranges of parameters, by name, from which all starts are drawn uniformly instead; the others start at
+            the guess. A range is (low, high); or a number, which is relative to the guess, such as 0.3 for 30 %. For a
+            `UnitVector` or `UnitQuaternion` a number is the largest angle from the guess in radians, for a `Periodic`
+            a share of the period; these three allow "all". Thousands of starts are then fitted in one compiled
+            program: all by a few steps, the better ones by more. With `first_span` they begin with the span of this
+            length that holds the most values. `Fit.minima` has all distinct minima: those in which a number differs
+            by more than 1 % (of a `Free`, 1 % of the guess; 0.01 radians for angles). The result is the best.
         spread: standard deviation of the drawn guesses: relative, or for quaternions in radians.
         seed: seed of the drawn guesses.
         segments: with more than one, multiple shooting: the time is cut into this many segments. Each has its own
@@ -80,6 +93,8 @@ def fit(
             unknowns.
         absolute_sigma: True if the sigmas are known. Otherwise they are known up to a common factor, which is estimated
             from the residuals, and intervals use Student's t.
+        loss: "huber" or "cauchy", or a `Loss` with another scale, against outliers: residuals of more than one or two
+            sigma then count less than their squares. The sigmas must have the right size. `Fit.outliers` lists them.
         solver: a function solver(residuals, start, max_steps) -> (optimum, steps, converged) instead of the
             Levenberg-Marquardt method. It minimises the sum of the squares of residuals(x), x (u,), from x = start,
             with JAX operations; derivatives of `residuals` are computed in forward mode. For example, it can call
@@ -113,17 +128,28 @@ def fit(
         >>> result.ok, round(float(result.values["damping"]), 4)  # 2 * 0.15
         (True, 0.3)
     """
+    count = starts if ranges is None else 1
     plan = prepare(
-        model, guess, measurements, dt=dt, method=method, t0=t0, starts=starts, spread=spread, seed=seed,
-        segments=segments, continuity=continuity, absolute_sigma=absolute_sigma, solver=solver, max_steps=max_steps,
+        model, guess, measurements, dt=dt, method=method, t0=t0, starts=count, spread=spread, seed=seed,
+        segments=segments, continuity=continuity, absolute_sigma=absolute_sigma, loss=loss, solver=solver,
+        max_steps=max_steps,
     )  # fmt: skip
-    data = Data(Layout(guess), tuple(_as_list(measurements)))
-    estimate = solved(plan, data, progress, _ends(first_span, plan, data))
+    data, minima = Data(Layout(guess), tuple(_as_list(measurements))), list[Minimum]()
+    ends = _ends(first_span, plan, data)
+    if ranges is not None:
+        drawn = starts_over(data.layout, ranges, as_count("starts", starts), seed)
+        minima = minima_of(plan.problem, data.layout, data.measurements, drawn, first_span, progress)
+        if not minima:
+            raise ValueError(
+                f"ranges must allow a run that does not fail, got none in {starts} starts; check the model."
+            )
+        data, ends = replace(data, layout=Layout(placed(guess, minima[0].values))), []
+    estimate = solved(plan, data, progress, ends)
     layout = data.layout
     groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
     message = message_of(plan, data, estimate, complaint(groups, layout.named()))
     aliases = aliases_of(model, data.measurements, estimate.values)
-    found = Fit(estimate, layout, data.measurements, groups, message, aliases)
+    found = Fit(estimate, layout, data.measurements, groups, message, aliases, minima, plan.problem)
     if groups and require_rank and found.result is Result.UNDETERMINED:
         raise UndeterminedError(found)
     return found
@@ -134,7 +160,7 @@ def prepare(
     guess: Any,
     measurements: Measurement | Sequence[Measurement],
     *,
-    dt: float,
+    dt: float | None = None,
     method: Method | str = "JACOBI[EA]",
     t0: float = 0.0,
     starts: int = 1,
@@ -143,6 +169,7 @@ def prepare(
     segments: int = 1,
     continuity: float = 1e3,
     absolute_sigma: bool = False,
+    loss: Loss | str | None = None,
     solver: Solver | None = None,
     max_steps: int = 200,
 ) -> Plan:
@@ -161,7 +188,10 @@ def prepare(
     """
     listed = _as_list(measurements)
     layout = Layout.checked(guess)
-    method = as_method(method)
+    free = method == "free_motion"
+    if dt is None and not free:
+        raise ValueError('dt must be a positive finite number, got None; only method="free_motion" needs none.')
+    method = as_method("JACOBI[EA]" if free else method)
     for name, number in (("spread", spread), ("continuity", continuity)):
         _require_positive(name, number)
     if solver is not None:
@@ -173,17 +203,30 @@ def prepare(
     for measurement in listed:
         check_parts(of_which(measurement)[1], names)
     times = np.concatenate([np.asarray(m.times) for m in listed])
-    check_grid(times, dt, t0)
+    if not free:
+        check_grid(times, dt, t0)
     count = sum(int(np.sum(np.asarray(m.present))) for m in listed)
-    if count <= layout.size:
+    linear = sum(m.linear for m in listed)
+    if count <= layout.size + linear:
+        more = f" and {linear} zero points" if linear else ""
         raise ValueError(
-            f"measurements must hold more numbers than the {layout.size} unknowns "
-            f"({', '.join(layout.unconstrained_names())}), got {count}; give at least {layout.size + 1}."
+            f"measurements must hold more numbers than the {layout.size + linear} unknowns "
+            f"({', '.join(layout.unconstrained_names())}{more}), got {count}; give at least {layout.size + linear + 1}."
         )
-    method, several = checked_model(model, layout, listed, method)
-    if several and segments > 1:
-        raise ValueError(f"segments must be 1 for coupled bodies, got {segments}; leave segments out.")
-    grid = Grid.of(times, float(dt), float(t0), segments, moving=any(m.clock is not None for m in listed))
+    method, several = checked_model(model, layout, listed, method, free)
+    if (several or free) and segments > 1:
+        of_what = "coupled bodies" if several else '"free_motion"'
+        raise ValueError(f"segments must be 1 for {of_what}, got {segments}; leave segments out.")
+    grid = Closed(float(t0)) if free else _grid_of(listed, times, float(dt or 0), float(t0), segments)
+    offsets = np.random.default_rng(seed).standard_normal((starts, layout.size)) * spread
+    offsets[0] = 0
+    problem = Problem(model, method, grid, float(continuity), as_loss(loss))
+    rows = jnp.asarray(offsets * np.asarray(layout.typical()), layout.start().dtype)
+    return Plan(problem, solver, rows, max_steps, absolute_sigma)
+
+
+def _grid_of(listed: Sequence[Measurement], times: np.ndarray, dt: float, t0: float, segments: int) -> Grid:
+    grid = Grid.of(times, dt, t0, segments, moving=any(m.clock is not None for m in listed))
     if grid.steps * segments > _MOST_STEPS:
         raise ValueError(
             f"times must be at most {_MOST_STEPS:.2g} steps after t0, got {times.max():g} after "
@@ -191,11 +234,7 @@ def prepare(
         )
     if segments > 1 and grid.steps * (segments - 1) * dt >= times.max() - t0:
         raise ValueError(f"segments must not be too many for the steps, got {segments}; give fewer, or a smaller dt.")
-    offsets = np.random.default_rng(seed).standard_normal((starts, layout.size)) * spread
-    offsets[0] = 0
-    problem = Problem(model, method, grid, float(continuity))
-    rows = jnp.asarray(offsets * np.asarray(layout.typical()), layout.start().dtype)
-    return Plan(problem, solver, rows, max_steps, absolute_sigma)
+    return grid
 
 
 def _as_list(measurements: Any) -> list[Measurement]:

@@ -21,6 +21,7 @@ from ..model.state import AnyState
 from ..model.states import TravellingState, attitude_of
 from ..model.torques import Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
 from ..model.wrench import Wrench
+from .loss import Loss
 from .measurements import Expected, Measurement, Part, Recorded, Source, deviations, rows, source
 
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is a series
@@ -378,6 +379,13 @@ class OfBody(Measurement):
             raise ValueError(f"body of OfBody must be below the {states.count} bodies of the model, got {self.body}.")
         one = jax.tree.map(lambda x: x[self.body], body) if body.batch else body
         return self.measurement, one, states.of_body(self.body)
+
+    @property
+    def linear(self) -> int:
+        return self.measurement.linear
+
+    def eliminated(self, residuals: Array, loss: Loss | None) -> tuple[Array, Array]:
+        return self.measurement.eliminated(residuals, loss)
 
     def differences(self, parameters: Any, body: Any, states: Any) -> Array:
         measurement, body, states = self.subject(body, states)

@@ -20,6 +20,7 @@ from .._checks.arguments import as_floats, require, require_finite, require_func
 from .._math import components as cp
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
+from .loss import Loss
 
 Part = str | Callable[[Any], Array] | Any  # a name in the values, a function of the values, or a known array
 _ARGUMENTS = "t, state, body, values"
@@ -104,6 +105,16 @@ class Measurement(eqx.Module):
         """The measurement for a run under this torque at the `times` of its states; by default, itself."""
         del torque, times
         return self
+
+    @property
+    def linear(self) -> int:
+        """The number of linear unknowns, such as zero points, that are eliminated; by default none."""
+        return 0
+
+    def eliminated(self, residuals: Array, loss: Loss | None) -> tuple[Float[Array, " r"], Float[Array, " linear"]]:
+        """The residuals (r,) at the best values of the linear unknowns, and these values."""
+        del loss
+        return residuals, jnp.zeros(0, residuals.dtype)
 
     def residuals(self, parameters: Any, body: Any, states: AnyState) -> Float[Array, " r"]:
         """The differences over sigma, flat; zero where a value is missing."""

@@ -154,7 +154,7 @@ def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement])
         if not np.isfinite(rms) or rms <= _negligible(measurement.sigma.dtype) * size:
             continue
         rows = over_sigma.reshape(len(over_sigma), -1)
-        if far := _outliers(rows):
+        if far := outliers_of(rows):
             found.append(Doubt(f"{kind}: {_far(measurement, far)}", i, tuple(row for row, _ in far)))
         complete = rows[np.all(np.isfinite(rows), axis=1)]
         if (correlation := _correlation(complete)) is not None:
@@ -180,7 +180,7 @@ def _far(measurement: Measurement, far: list[tuple[int, float]]) -> str:
     )
 
 
-def _outliers(rows: np.ndarray) -> list[tuple[int, float]]:
+def outliers_of(rows: np.ndarray) -> list[tuple[int, float]]:
     """The rows of outliers, and the distance of each in units of the usual deviation."""
     sizes = np.abs(rows)
     if np.sum(np.isfinite(sizes)) < _FEW:

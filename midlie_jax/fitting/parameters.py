@@ -20,6 +20,7 @@ from ..model import so3
 Scale = Literal["free", "fixed"]
 _NOT_FLAT = "must satisfy the strict triangle inequality"
 _CURE_OF_FLAT = "lower the largest moment below the sum of the others; a flat body is a limit."
+_MOST_DRAWS = 100
 _SMALL_TURN = 1e-4  # radians; below it, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 
@@ -66,6 +67,26 @@ class Parameter(eqx.Module):
         """The change of each unconstrained number that multiplies the value by about e, or rotates it by a radian."""
         return jnp.ones_like(self.vector())
 
+    def compared(self, value: Any) -> np.ndarray:
+        """Numbers whose differences tell values apart: relative, or in radians."""
+        return np.log(np.asarray(value)).reshape(-1)
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        """Values (count, ...) in a range, for the search: (low, high), or a number, the largest relative change."""
+        low, high = _ends(name, self.initial, limits, np.abs(self.initial))
+        found = rng.uniform(low, high, (count, *self.initial.shape))
+        for _ in range(_MOST_DRAWS):
+            wrong = np.flatnonzero(~self._possible(found))
+            if not wrong.size:
+                return found
+            found[wrong] = rng.uniform(low, high, (wrong.size, *self.initial.shape))
+        raise ValueError(f"range of {name} must hold possible values of {type(self).__name__}, got {limits!r}.")
+
+    def _possible(self, values: np.ndarray) -> np.ndarray:
+        """Which of the values (count, ...) the parameter can have."""
+        vectors = jax.vmap(lambda x: eqx.tree_at(lambda p: p.initial, self, x).vector())(jnp.asarray(values))
+        return np.isfinite(np.asarray(vectors)).reshape(len(values), -1).all(axis=1)
+
 
 class Free(Parameter):
     """Any real numbers, such as an initial angular velocity or the bias of a gyroscope, in any unit.
@@ -97,6 +118,44 @@ class Free(Parameter):
     def typical(self) -> Float[Array, " size"]:
         size = jnp.sqrt(jnp.mean(self.initial**2))
         return jnp.where(size == 0, jnp.ones_like(size), size) * jnp.ones_like(self.vector())
+
+    def compared(self, value: Any) -> np.ndarray:
+        return np.reshape(value, -1) / np.asarray(self.typical())
+
+
+class Periodic(Free):
+    """Angles or phases: any real numbers, of which those that differ by a period are the same.
+
+    Args:
+        initial: the guess, of any shape.
+        period: the period, broadcast to the shape of the guess; by default 2 pi.
+
+    Raises:
+        ValueError: the guess is not an array of finite numbers, or a period is not positive.
+
+    Examples:
+        >>> phases = ml.fitting.Periodic([0.1, 2.0], period=[1.0, 2 * jnp.pi])  # of ml.asteroids.tumbling
+        >>> phases.vector()
+        Array([0.1, 2. ], dtype=float64)
+    """
+
+    period: Float[Array, "..."]
+
+    def __init__(self, initial: Any, period: Any = 2 * np.pi):
+        super().__init__(initial)
+        self.period = jnp.broadcast_to(as_floats("period", period).astype(self.initial.dtype), self.initial.shape)
+        require("period", self.period, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "as in 1.0.")
+
+    def typical(self) -> Float[Array, " size"]:
+        return self.period.reshape(-1) / (2 * np.pi)
+
+    def compared(self, value: Any) -> np.ndarray:
+        angle = 2 * np.pi * value / np.asarray(self.period)
+        return np.stack([np.cos(angle), np.sin(angle)])
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        low, high = _ends(name, self.initial, 0.5 if _is_all(limits) else limits, np.asarray(self.period))
+        return rng.uniform(low, high, (count, *self.initial.shape))
 
 
 class Positive(Parameter):
@@ -173,6 +232,12 @@ class Moments(Parameter):
     def unconstrained_labels(self) -> list[str]:
         return ["[0]", "[1]"] if self.scale == "fixed" else self.labels()
 
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        found = super().draw(name, rng, count, limits)
+        if self.scale == "fixed":
+            return found * (float(jnp.sum(self.initial)) / np.sum(found, axis=1, keepdims=True))
+        return found
+
 
 class InertiaTensor(Parameter):
     """A full inertia tensor (3, 3) in any frame fixed in the body, mass x length^2, for `midlie_jax.TensorBody`.
@@ -231,6 +296,16 @@ class InertiaTensor(Parameter):
             second = second * (jnp.trace(self.initial) / 2 / jnp.trace(second))
         return jnp.trace(second) * jnp.eye(3, dtype=second.dtype) - second
 
+    def compared(self, value: Any) -> np.ndarray:
+        return value / np.trace(value)
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        found = super().draw(name, rng, count, limits)
+        found = (found + np.swapaxes(found, 1, 2)) / 2
+        if self.scale == "fixed":
+            return found * (float(jnp.trace(self.initial)) / np.trace(found, axis1=1, axis2=2))[:, None, None]
+        return found
+
     def coordinates(self, value: Array) -> Float[Array, " k"]:
         """The six entries on and above the diagonal, row after row."""
         return value[np.triu_indices(3)]
@@ -279,6 +354,15 @@ class UnitQuaternion(Parameter):
     def labels(self) -> list[str]:
         return [".x", ".y", ".z"]
 
+    def compared(self, value: Any) -> np.ndarray:
+        return 2 * np.outer(value, value)
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        if _is_all(limits):
+            return _on_sphere(rng.standard_normal((count, 4)))
+        radius = _largest_angle(name, limits) * np.cbrt(rng.uniform(0, 1, (count, 1)))
+        return np.asarray(jax.vmap(self.value)(jnp.asarray(radius * _on_sphere(rng.standard_normal((count, 3))))))
+
 
 class UnitVector(Parameter):
     """A direction, such as of a field in the body frame: the guess rotated by u, perpendicular to it.
@@ -322,6 +406,16 @@ class UnitVector(Parameter):
         one = int(np.argmax(first))
         return [f"[{one}]", f"[{int(np.argmax(np.where(np.arange(3) == one, -1.0, second)))}]"]
 
+    def compared(self, value: Any) -> np.ndarray:
+        return value
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        if _is_all(limits):
+            return _on_sphere(rng.standard_normal((count, 3)))
+        least = np.cos(_largest_angle(name, limits))
+        angle = np.arccos(rng.uniform(least, 1, (count, 1)))
+        return np.asarray(jax.vmap(self.value)(jnp.asarray(angle * _on_sphere(rng.standard_normal((count, 2))))))
+
     def _frame(self) -> tuple[Array, Array, Array]:
         """The guess, of length one, and two directions perpendicular to it and to each other."""
         guess = self.initial / jnp.linalg.norm(self.initial)
@@ -347,6 +441,10 @@ class Layout(eqx.Module):
     def size(self) -> int:
         return sum(parameter.vector().size for parameter in self.parameters)
 
+    @property
+    def structure(self) -> Any:
+        return jax.tree.structure(self.guess, is_leaf=_is_parameter)
+
     def start(self) -> Float[Array, " p"]:
         return jnp.concatenate([parameter.vector() for parameter in self.parameters])
 
@@ -356,7 +454,7 @@ class Layout(eqx.Module):
     def values(self, vector: Float[Array, " p"]) -> Any:
         ends = np.cumsum([parameter.vector().size for parameter in self.parameters])
         leaves = [p.value(vector[end - p.vector().size : end]) for p, end in zip(self.parameters, ends, strict=True)]
-        return jax.tree.unflatten(jax.tree.structure(self.guess, is_leaf=_is_parameter), leaves)
+        return jax.tree.unflatten(self.structure, leaves)
 
     def coordinates(self, vector: Float[Array, " p"]) -> Float[Array, " k"]:
         values = jax.tree.leaves(self.values(vector))
@@ -400,6 +498,46 @@ def flatness(value: Array) -> Float[Array, ""]:
     """I1 + I2 - I3 over the sum of the moments, where I3 is the largest, of moments or a tensor: zero if flat."""
     moments = value if value.ndim == 1 else jnp.linalg.eigvalsh(value)
     return 1 - 2 * jnp.max(moments) / jnp.sum(moments)
+
+
+def placed(guess: Any, values: Any) -> Any:
+    """The guess with these values of its parameters."""
+    layout = Layout(guess)
+    pairs = zip(layout.parameters, jax.tree.leaves(values), strict=True)
+    leaves = [eqx.tree_at(lambda p: p.initial, parameter, jnp.asarray(value)) for parameter, value in pairs]
+    return jax.tree.unflatten(layout.structure, leaves)
+
+
+def _is_all(limits: Any) -> bool:
+    return isinstance(limits, str) and limits == "all"
+
+
+def _ends(name: str, initial: Any, limits: Any, unit: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The ends of a range: (low, high), or a number, which is a share of the unit on both sides of the guess."""
+    centre = np.asarray(initial)
+    try:
+        low, high = (centre - limits * unit, centre + limits * unit) if np.ndim(limits) == 0 else limits
+        low, high = (np.broadcast_to(np.asarray(x, float), centre.shape) for x in (low, high))
+    except (TypeError, ValueError):
+        low = high = np.full(centre.shape, np.nan)
+    if not (np.all(np.isfinite(low) & np.isfinite(high)) and np.all(low <= high)):
+        raise ValueError(
+            f"range of {name} must be (low, high), or a number such as 0.3 for 30 % around the guess; got {limits!r}. "
+            'Only UnitVector, UnitQuaternion and Periodic allow "all".'
+        )
+    return low, high
+
+
+def _largest_angle(name: str, limits: Any) -> float:
+    if isinstance(limits, bool) or not isinstance(limits, int | float) or not 0 < limits <= np.pi:
+        raise ValueError(
+            f'range of {name} must be "all", or the largest angle from the guess in radians, got {limits!r}.'
+        )
+    return float(limits)
+
+
+def _on_sphere(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def _is_parameter(x: Any) -> bool:

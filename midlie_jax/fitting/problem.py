@@ -8,6 +8,7 @@ H. G. Bock, Recent advances in parameter identification techniques for O.D.E., i
 Problems in Differential and Integral Equations (Birkhäuser 1983) 95.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,13 +19,15 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from .._xla.compiler import exact_jit
 from ..integrators.base import Method
 from ..model.state import AnyState
 from ..model.states import TravellingState
 from .instruments import Attitudes, Rates
+from .loss import Loss
 from .measurements import Measurement
 from .parameters import Layout
-from .sampling import Grid
+from .sampling import Closed, Grid
 
 Model = Callable[[Any], tuple[Any, Any, AnyState]]
 
@@ -44,8 +47,10 @@ class Problem(eqx.Module):
 
     model: Model = eqx.field(static=True)  # from values of the parameters to (body, torque, start)
     method: Method = eqx.field(static=True)
-    grid: Grid
+    grid: Grid | Closed
     continuity: float = eqx.field(static=True)  # the weight of the jumps of multiple shooting, see `fit`
+    loss: Loss | None = None
+    differences: bool = eqx.field(static=True, default=False)  # Jacobians by differences, which compile faster
 
     def single(self) -> "Problem":
         """The problem without multiple shooting."""
@@ -65,22 +70,30 @@ class Problem(eqx.Module):
         return values, body, (torque, self.grid.run(self.method, body, torque, starts)), starts
 
     def residuals(self, vector: Float[Array, " u"], data: Data) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
-        """All residuals over their standard deviations, and whether every step was good."""
+        """All residuals over their standard deviations, as the loss counts them, and whether every step was good."""
+        return self.measured(vector, data)[:2]
+
+    def measured(self, vector: Float[Array, " u"], data: Data) -> tuple[Array, Bool[Array, ""], list[Array]]:
+        """The `residuals`, and the linear unknowns of each measurement."""
         values, body, (torque, paths), starts = self.run(vector, data)
         times = jnp.concatenate([m.times_of_model(values).astype(vector.dtype) for m in data.measurements])
         states, ok = self.grid.sample(self.method, body, torque, paths, times)
         found: list[Array] = []
+        linear: list[Array] = []
         begin = 0
         for measurement in data.measurements:
             end = begin + measurement.times.shape[0]
             here = jax.tree.map(lambda x, a=begin, b=end: x[a:b], states)
-            found.append(measurement.of_run(torque, times[begin:end]).residuals(values, body, here))
+            raw = measurement.of_run(torque, times[begin:end]).residuals(values, body, here)
+            left, best = measurement.eliminated(raw, self.loss)
+            found.append(left if self.loss is None else self.loss.counted(left))
+            linear.append(best)
             begin = end
         if data.anchors is not None:
             ends, later = jax.tree.map(lambda x: x[:-1, -1], paths.states), jax.tree.map(lambda x: x[1:], starts)
             increments = later.minus(ends)
             found.append(self.continuity * (increments / _units(later, increments)).reshape(-1))
-        return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok)
+        return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok), linear
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
         """The data with anchors, taken from the measurements if these determine the states.
@@ -88,6 +101,7 @@ class Problem(eqx.Module):
         Angular velocities are taken from the nearest row of a `Rates`, attitudes from the nearest row of an
         `Attitudes`; everything else is taken from the run of the guess.
         """
+        assert isinstance(self.grid, Grid)
         values, body, (_, path), _ = self.single().run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
         states = jax.tree.map(lambda x: x[0, places], path.states)
@@ -123,7 +137,12 @@ def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s
 
 
 def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array, Float[Array, "r u"]]:
-    """The residuals (r,), whether every step was good, and the Jacobian (r, u), in forward mode."""
+    """The residuals (r,), whether every step was good, and the Jacobian (r, u), in forward mode or by differences."""
+    if problem.differences:
+        width = math.sqrt(jnp.finfo(vector.dtype).eps) * data.layout.typical()
+        moved = jnp.concatenate([vector[None], vector[None] + jnp.diag(width)])
+        every, good = jax.vmap(lambda v: problem.residuals(v, data))(moved)
+        return every[0], good[0], (every[1:] - every[:1]).T / width[None]
 
     def twice(v: Array) -> tuple[Array, tuple[Array, Array]]:
         found, ok = problem.residuals(v, data)
@@ -131,6 +150,12 @@ def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tup
 
     jacobian, (found, ok) = jax.jacfwd(twice, has_aux=True)(vector)
     return found, ok, jacobian
+
+
+@exact_jit
+def linear_unknowns(problem: Problem, data: Data, vector: Float[Array, " p"]) -> list[Array]:
+    """The linear unknowns of each measurement for a vector of the parameters."""
+    return problem.single().measured(vector, data)[2]
 
 
 @eqx.filter_custom_jvp

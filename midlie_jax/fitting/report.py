@@ -4,7 +4,7 @@ The words are computed after the fit, so that a successful fit takes no time for
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -14,13 +14,17 @@ import numpy as np
 from .._checks.arguments import as_count
 from .estimate import CONFIDENCE, Estimate, Result
 from .instruments import Accelerations, Attitudes, Rates, of_which
+from .loss import Loss
 from .measurements import Measurement
-from .noise import Doubt, Remainder, doubts, explained, remainders_of, within_sigmas
+from .noise import Doubt, Remainder, doubts, explained, outliers_of, remainders_of, within_sigmas
 from .parameters import InertiaTensor, Layout, Moments, flatness
-from .problem import Data
+from .problem import Data, Problem, linear_unknowns
+from .sampling import Closed
+from .search import Minimum
 from .solve import Plan
 
 _FLAT = 1e-3  # for a smaller share I1 + I2 - I3 of the sum, optimum and interval may be invalid
+_TOLD = 5  # minima in a table
 _SHARE = 0.5  # share of the method's reach for a step, because a body may later rotate faster
 
 
@@ -40,6 +44,8 @@ class Fit:
         aliases: how often the body rotates between rows, if by more than half a revolution, so that other values may
             fit as well; "" otherwise.
         flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
+        minima: the distinct minima of a search over `ranges`, each a `Minimum` with `chi_squared`, `values` and
+            `starts`, in ascending order; otherwise empty.
         ok: whether the fit ended normally: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
         message: what failed, with the time, the names or the numbers, and a remedy.
@@ -62,9 +68,12 @@ class Fit:
         confounded: list[list[str]],
         message: str,
         aliases: str = "",
+        minima: Sequence[Minimum] = (),
+        problem: Problem | None = None,
     ):
         self.estimate, self.confounded, self.message, self.aliases = estimate, confounded, message, aliases
-        self._layout, self._measurements = layout, measurements
+        self.minima = list(minima)
+        self._layout, self._measurements, self._problem = layout, measurements, problem
         self.values: Any = estimate.values
         self.names = layout.names()
         self.coordinates, self.covariance, self.intervals = (
@@ -81,19 +90,37 @@ class Fit:
         parts = np.split(np.asarray(self.estimate.residuals), np.cumsum([mask.size for mask in masks])[:-1])
         return [np.where(mask, part.reshape(mask.shape), np.nan) for mask, part in zip(masks, parts, strict=True)]
 
+    def zero_points(self) -> list[np.ndarray]:
+        """For each measurement its linear unknowns, such as the zero points of the `nights` of a `Photometry`."""
+        assert self._problem is not None
+        data = Data(self._layout, self._measurements)
+        return [np.asarray(x) for x in linear_unknowns(self._problem, data, self.estimate.vector)]
+
+    @property
+    def outliers(self) -> list[np.ndarray]:
+        """For each measurement the rows of values that are too far off for noise; with a loss they count less."""
+        found = [outliers_of(x.reshape(len(x), -1)) for x in self.residuals()]
+        return [np.array([row for row, _ in far], int) for far in found]
+
     @property
     def doubts(self) -> list[str]:
         """Why the values or the intervals may be wrong even if `ok` is True; empty if there is no reason to doubt.
 
-        It names all outliers; correlated neighbouring residuals, and the factor by which they make the intervals too
-        narrow; and rows so far apart that other values may fit as well.
+        It names all outliers, unless the fit has a loss; correlated neighbouring residuals, and the factor by which
+        they make the intervals too narrow; and rows so far apart that other values may fit as well.
         """
         return [doubt.text for doubt in self.doubtful()]
 
     def doubtful(self) -> list[Doubt]:
         """The doubts with the measurement and the rows that each concerns."""
         found = doubts(self.residuals(), self._measurements)
+        if self._loss is not None:  # which outliers do not disturb
+            found = [doubt for doubt in found if not doubt.rows]
         return [*found, Doubt(self.aliases, None)] if self.aliases else found
+
+    @property
+    def _loss(self) -> Loss | None:
+        return None if self._problem is None else self._problem.loss
 
     @property
     def flat(self) -> list[str]:
@@ -177,6 +204,12 @@ class Fit:
         lines.insert(1, "  ".join("-" * w for w in widths))
         if flat := self.flat:
             lines.append(f"{', '.join(flat)}: the data hardly tell this body from a flat one, see Fit.flat")
+        if self._loss is not None:
+            far = [d.text for d in doubts(self.residuals(), self._measurements) if d.rows]
+            lines += [f"outliers, which the loss counts less: {text}" for text in far]
+        if self.minima:
+            told = ", ".join(f"{found.chi_squared:.6g} ({found.starts} starts)" for found in self.minima[:_TOLD])
+            lines.append(f"chi-squared of the best of {len(self.minima)} minima: {told}")
         lines += [f"doubtful: {doubt}" for doubt in self.doubts]
         state = "NOT ok: " + self.message if not self.ok else "doubtful" if self.doubts else "ok"
         lines.append(
@@ -235,7 +268,8 @@ def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) ->
 def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
     """The size of the residuals, and what to check; nothing if they can be noise."""
     listed = [of_which(m)[1] for m in data.measurements]
-    squares, dof = jnp.sum(estimate.residuals**2), max(int(estimate.dof), 1)
+    dof, count = max(int(estimate.dof), 1), sum(int(np.sum(np.asarray(m.present))) for m in data.measurements)
+    squares = count * estimate.rms**2
     if not jnp.isfinite(squares):
         return []
     check = "Check units, axes and times"
@@ -249,7 +283,9 @@ def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
             "leaves something out, such as a bias or a torque, or the sigmas are too small."
         )
         return [told, f"{check}."]
-    remainders = remainders_of(data.measurements, estimate.residuals, estimate.values)
+    loss = plan.problem.loss
+    judged = estimate.residuals if loss is None else loss.judged(estimate.residuals)
+    remainders = remainders_of(data.measurements, judged, estimate.values)
     if explained(remainders):
         return []
     # Measurements that cannot be noise on their own are listed first, then measurements with larger residuals.
@@ -277,6 +313,8 @@ def _share(remainder: Remainder, measurement: Measurement) -> tuple[float, str]:
 def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
     """The time at which the run of the best parameters failed, and a step that should work."""
     problem = plan.problem.single()
+    if isinstance(problem.grid, Closed):
+        return "the closed form of the free motion gave numbers that are not finite, or the times are too long for it"
     dt, method = problem.grid.dt, problem.method
     try:
         _, body, (_, paths), _ = problem.run(estimate.vector, data)

@@ -19,6 +19,7 @@ from .._checks.arguments import require, require_finite, require_resolved
 from .._math.components import is_traced
 from ..drivers.arguments import as_method, check_clock
 from ..drivers.clock import time_of
+from ..drivers.free_motion import free_motion
 from ..drivers.integrate import integrate
 from ..drivers.path import Path
 from ..integrators.base import Method
@@ -27,6 +28,7 @@ from ..model.state import StateT
 # A time is on the grid if its distance is less than the first number, as a share of a step, plus the rounding of the
 # time; but never more than the second. All other times are reached by a shorter step, which is always correct.
 _ON_GRID, _MOST_OFF = {"float64": 1e-9, "float32": 1e-4}, 0.05
+_ROUNDING_OF_CLOSED_FORM = 1e4  # for a thousand rotations
 _MARGIN, _LONGEST = 8, 2.0  # steps after the last time if a clock is fitted; the longest last step, in steps
 
 
@@ -52,6 +54,11 @@ class Grid(eqx.Module):
         exact = bool(np.all(np.abs(offsets - nearest) <= np.minimum(blurred, _MOST_OFF))) and not moving
         every = math.gcd(steps, *np.unique(nearest).tolist()) if exact else 1
         return cls(dt, t0, steps, segments, every, exact)
+
+    @property
+    def rounding(self) -> float:
+        """The rounding error of a run, in units of the rounding error of a number."""
+        return 4 * math.sqrt(self.steps * self.segments)
 
     def whole(self) -> "Grid":
         """The same steps in one segment."""
@@ -99,6 +106,31 @@ class Grid(eqx.Module):
         states, ok = jax.vmap(last_step)(states, before, rest)
         # A fitted clock may move times beyond either end of the run: the last step to them is then longer.
         return states, on_grid & ok & (jnp.abs(rest) <= _LONGEST * self.dt)
+
+
+class Closed(eqx.Module):
+    """In place of a `Grid`: the closed form of free motion, which needs no steps."""
+
+    t0: float = eqx.field(static=True)
+    segments: int = eqx.field(static=True, default=1)
+
+    @property
+    def rounding(self) -> float:
+        return _ROUNDING_OF_CLOSED_FORM
+
+    def whole(self) -> "Closed":
+        return self
+
+    def run(self, method: Method, body: Any, torque: Any, starts: StateT) -> Path[StateT]:
+        start = jax.tree.map(lambda x: x[0], starts)
+        path = free_motion(body, start, np.array([self.t0]), t0=self.t0)
+        return jax.tree.map(lambda x: x[None], path)
+
+    def sample(
+        self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Float[Array, " n"]
+    ) -> tuple[StateT, Array]:
+        path = free_motion(body, jax.tree.map(lambda x: x[0, 0], paths.states), times, t0=self.t0)
+        return path.states, jnp.broadcast_to(path.ok, times.shape)
 
 
 def states_at(

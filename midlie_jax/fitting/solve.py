@@ -24,6 +24,8 @@ from jaxtyping import Bool, Float, Int
 from .._checks.arguments import described
 from .._xla.compiler import exact_jit
 from .estimate import Estimate, estimate_at, lengths_of
+from .instruments import of_which
+from .loss import Loss
 from .measurements import Measurement
 from .parameters import Layout
 from .problem import Data, Problem, jacobian_of, residuals
@@ -107,7 +109,7 @@ def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
     zero, no, least = jnp.zeros((), dtype), jnp.zeros((), bool), _TOLERANCE[dtype.name]
     # A change below the rounding error of a run counts as none. Otherwise the search would never end if sigmas are
     # small relative to the rounding of the measured values.
-    noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
+    noise = problem.grid.rounding
     sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
     rounded = jnp.max(jnp.stack([noise * jnp.finfo(size.dtype).eps * size for size in sizes]))
     return Search(
@@ -177,13 +179,21 @@ def _stages(plan: Plan, data: Data, ends: Sequence[float] = ()) -> list[tuple[Pr
     """
 
     def until(end: float) -> Data:
-        late = [np.asarray(m.times).reshape(-1, *[1] * (m.present.ndim - 1)) > end for m in data.measurements]
-        present = [jnp.asarray(np.asarray(m.present) & ~x) for m, x in zip(data.measurements, late, strict=True)]
-        return eqx.tree_at(lambda d: [m.present for m in d.measurements], data, present)
+        return replace(data, measurements=within(data.measurements, -math.inf, end))
 
     single = plan.problem.single()
     shooting = [(plan.problem, data)] if plan.problem.grid.segments > 1 else []
     return [*shooting, *((single, until(end)) for end in ends), (single, data)]
+
+
+def within(measurements: tuple[Measurement, ...], begin: float, end: float) -> tuple[Measurement, ...]:
+    """The measurements with only the values from one time to another."""
+    inside = [(np.asarray(m.times) >= begin) & (np.asarray(m.times) <= end) for m in measurements]
+    present = [
+        jnp.asarray(np.asarray(m.present) & x.reshape(-1, *[1] * (m.present.ndim - 1)))
+        for m, x in zip(measurements, inside, strict=True)
+    ]
+    return eqx.tree_at(lambda ms: [of_which(m)[1].present for m in ms], measurements, present)
 
 
 def _entered(problem: Problem, data: Data, vector: Float[Array, " p"]) -> tuple[Data, Float[Array, " u"]]:
@@ -243,7 +253,7 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Meas
         return replace(found, steps=taken)
 
     found = _over_starts(plan.starts.shape[0] > 1, optimum)(_starts(plan, data))
-    return _best(plan.absolute_sigma, data, found)
+    return _best(plan.absolute_sigma, plan.problem.loss, data, found)
 
 
 def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
@@ -284,7 +294,7 @@ def _checked(found: Any, size: int) -> tuple[Array, Array, Array]:
     return jnp.asarray(optimum), jnp.asarray(steps), jnp.asarray(converged, bool)
 
 
-def _best(absolute_sigma: bool, data: Data, found: Search) -> Estimate:
+def _best(absolute_sigma: bool, loss: Loss | None, data: Data, found: Search) -> Estimate:
     """The estimate from the best of the searches (s, ...).
 
     A search that did not converge, or whose run failed, is used only if there is no other.
@@ -294,7 +304,7 @@ def _best(absolute_sigma: bool, data: Data, found: Search) -> Estimate:
     best: Search = jax.tree.map(lambda x: x[first], found)
     jacobian = best.triangle * best.lengths[None]
     at_optimum = (best.residuals, best.good, jacobian)
-    return estimate_at(data, best.vector, at_optimum, best.steps, best.converged, absolute_sigma)
+    return estimate_at(data, best.vector, at_optimum, best.steps, best.converged, absolute_sigma, loss)
 
 
 def solved(
@@ -321,7 +331,9 @@ def solved(
                     print(f"\r\033[Kfit: step {step}, loss {loss:.6g}", end="", file=sys.stderr, flush=True)
             vectors, taken = search.vector[:, : data.layout.size], taken + search.steps
         assert search is not None
-        return jax.block_until_ready(_estimate(plan.absolute_sigma, data, replace(search, steps=taken)))
+        return jax.block_until_ready(
+            _estimate(plan.absolute_sigma, plan.problem.loss, data, replace(search, steps=taken))
+        )
     finally:
         if shown is True:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
