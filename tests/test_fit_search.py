@@ -9,14 +9,62 @@ from scipy.optimize import least_squares
 
 import midlie_jax as ml
 from midlie_jax import fitting
-from midlie_jax.asteroids import EllipsoidBrightness, Photometry
+from midlie_jax.asteroids import EllipsoidBrightness, Photometry, tumbling
 from midlie_jax.fitting.loss import as_loss
 
 ZERO, NORTH = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 
 
+def model(values):
+    body = ml.RigidBody(values["moments"])
+    periods = {"precession_period": values["precession"], "rotation_period": values["rotation"]}
+    phases = values["phases"][0], values["phases"][1]
+    return body, None, tumbling(body, **periods, axis="short", pole=values["pole"], phases=phases, mode="short")
+
+
 def light(values, sun, observer):
     return EllipsoidBrightness(jnp.append(values["axes"], 0.85), sun, observer)
+
+
+def photometry(scene):
+    given = {name: scene[name] for name in ("sun", "observer", "night", "light_time")}
+    return Photometry(scene["times"], scene["values"], photometry_scene.SIGMA, light, **given)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_spin_state_from_ranges_of_thirty_percent(seed):
+    """Eight nights with zero points, noise and outliers, made without this package: 19 unknowns in one call."""
+    scene = photometry_scene.scene(seed)
+    guess = {
+        "moments": fitting.Moments([0.5, 0.9, 1.0], scale="fixed"),
+        "precession": fitting.Positive(7.9), "rotation": fitting.Positive(46.0),
+        "pole": fitting.UnitVector(NORTH), "phases": fitting.Periodic([0.0, 0.0], period=[1.0, 2 * np.pi]),
+        "axes": fitting.Positive([1.4, 1.1]),
+    }  # fmt: skip
+    ranges = {"precession": 0.3, "rotation": 0.3, "moments": 0.3, "axes": 0.3, "pole": "all", "phases": "all"}
+    found = ml.fit(
+        model, guess, photometry(scene), method="free_motion", t0=250.0, starts=512, ranges=ranges, first_span=56.0,
+        loss="huber", absolute_sigma=True,
+    )  # fmt: skip
+    assert found.ok, found
+    assert 0.9 < found.rms < 1.1
+    assert found.dof == 400 - 10 - 9
+    periods = np.array([found.values["precession"], found.values["rotation"]])
+    np.testing.assert_allclose(periods, photometry_scene.PERIODS, rtol=2e-3)
+    assert np.degrees(np.arccos(found.values["pole"] @ photometry_scene.POLE)) < 3
+    order = np.argsort(found.values["moments"])
+    np.testing.assert_allclose(
+        found.values["moments"][order] / found.values["moments"].max(), [0.53, 0.9146, 1], atol=0.05
+    )
+    low, high = found.intervals[[found.names.index("precession"), found.names.index("rotation")]].T
+    assert np.all(np.abs(periods - photometry_scene.PERIODS) < high - low)  # twice the half of 95 %
+    assert set(found.outliers[0]) >= set(scene["outliers"])
+    assert "outliers, which the loss counts less" in str(found)
+    losses = [minimum.chi_squared for minimum in found.minima]
+    assert losses == sorted(losses)
+    zeros = found.zero_points()[0]
+    np.testing.assert_allclose(zeros - zeros.mean(), scene["zeros"] - scene["zeros"].mean(), atol=0.03)
 
 
 def still(values):

@@ -24,6 +24,37 @@ class Photometry(Recorded):
     need no guess and no start: the best zero point is the mean of a night's differences, weighted by sigma and by the
     loss of the fit. They count as unknowns in the degrees of freedom, and `Fit.zero_points` returns them.
 
+    A spin state from ranges of 30 %, with `file` a mapping of arrays and times in hours:
+
+        from midlie_jax import fitting
+
+        def model(v):
+            body, (s, phi) = ml.RigidBody(v["moments"]), v["phases"]
+            return body, None, ml.asteroids.tumbling(
+                body, precession_period=v["precession"], rotation_period=v["rotation"], axis="short", pole=v["pole"],
+                phases=(s, phi), mode="short",
+            )
+
+        def light(v, sun, observer):
+            return ml.asteroids.EllipsoidBrightness(jnp.append(v["axes"], 1.0), sun, observer)
+
+        guess = {
+            "moments": fitting.Moments([0.5, 0.9, 1.0], scale="fixed"), "precession": fitting.Positive(7.5),
+            "rotation": fitting.Positive(47.0), "pole": fitting.UnitVector([0.0, 0.0, 1.0]),
+            "phases": fitting.Periodic([0.0, 0.0], period=[1.0, 2 * jnp.pi]), "axes": fitting.Positive([1.7, 1.2]),
+        }
+        ranges = {"moments": 0.3, "precession": 0.3, "rotation": 0.3, "axes": 0.3, "pole": "all", "phases": "all"}
+
+        def spin_state(file):                    # (n,) and (n, 3)
+            seen = ml.asteroids.Photometry(
+                file["time"], file["magnitude"], 0.02, light, sun=file["sun"], observer=file["observer"],
+                night=file["night"], light_time=file["light_time"],
+            )
+            return ml.fit(
+                model, guess, seen, method="free_motion", starts=512, ranges=ranges, first_span=56.0, loss="huber",
+                absolute_sigma=True,
+            )                                    # .minima, .outliers, .zero_points()
+
     Args:
         times: (n,), ascending, of the observations.
         values: (n,), magnitudes; NaN where missing.
