@@ -21,7 +21,8 @@ def directions(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     earth = -0.2 + 2 * np.pi / (24 * 365.25) * t
     place = 1.3 * np.stack([np.cos(asteroid), np.sin(asteroid), 0.1 * np.sin(asteroid)], axis=1)
     seen = np.stack([np.cos(earth), np.sin(earth), 0 * earth], axis=1) - place
-    return tuple(-x / np.linalg.norm(x, axis=1, keepdims=True) for x in (place, -seen))
+    sun, observer = (-x / np.linalg.norm(x, axis=1, keepdims=True) for x in (place, -seen))
+    return sun, observer
 
 
 def magnitudes(t: np.ndarray, sun: np.ndarray, observer: np.ndarray) -> np.ndarray:

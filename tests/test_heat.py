@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache, partial
+from typing import Any
 from unittest.mock import patch
 
 import jax
@@ -653,7 +654,8 @@ def test_bad_input_is_named(case):
 
 def test_a_bath_is_no_torque(monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    bath, start = Langevin(KT, FRICTION, jax.random.key(0)), jax.tree.map(lambda x: x[0], at_rest(1))
+    bath: Any = Langevin(KT, FRICTION, jax.random.key(0))
+    start = jax.tree.map(lambda x: x[0], at_rest(1))
     run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), start=start, dt=0.1, steps=4)
     for call, message in (
         (lambda: run(None, bath=KT), "bath must be a midlie_jax.baths.Langevin or None, got float"),

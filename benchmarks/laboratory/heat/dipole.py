@@ -91,7 +91,7 @@ def of_parts(momentum: Any, attitude: Any) -> tuple[Array, Array]:
     return cosine, (p + q + r) / 3
 
 
-def scene(x: Any, keys: Array, dtype: Any) -> tuple[ml.RigidBody, Any]:
+def scene(x: Any, keys: Array, dtype: Any) -> tuple[ml.RigidBody, Any, Any]:
     """The body, the torque of the field, and the bath."""
     field = ml.torques.HeavyTop(jnp.asarray(-x, dtype))
     bath = ml.baths.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(FRICTION * rate(x), dtype), keys)
