@@ -113,6 +113,7 @@ class Harmonic(ml.torques.Torque):
 
 
 MASS, MU, RADIUS, J2, POLE = 3.0, 40.0, 2.0, 0.1, np.array([0.6, 0.0, 0.8])
+FAR = np.array([8.0, -6.0, 5.0])
 POINT, OBLATE = ml.torques.PointMass(MU), ml.torques.Oblateness(MU, RADIUS, J2, POLE)
 FIELDS = {
     "uniform": (ml.torques.UniformGravity(GRAVITY), lambda x: -np.dot(GRAVITY, x)),
@@ -124,6 +125,10 @@ FIELDS = {
     "oblate without gradient": (
         ml.torques.Oblateness(MU, RADIUS, J2, POLE, gradient=False) + ml.torques.UniformGravity(GRAVITY),
         lambda x: oblate(x) - np.dot(GRAVITY, x),
+    ),
+    "solar tide": (
+        ml.asteroids.SolarTide(lambda t: jnp.asarray(FAR), MU),
+        lambda x: MU / 2 / np.linalg.norm(FAR) ** 3 * (x @ x - 3 * (FAR @ x) ** 2 / (FAR @ FAR)),
     ),
 }
 BODIES = {

@@ -240,6 +240,8 @@ OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain for
     "Pulses": (torques.Pulses(HERE, 0.1, HERE), TURNING, TURNED),
     "Sunlight": (ml.asteroids.Sunlight(TETRAHEDRON, UP[:3], 1.0), TURNING, TURNED),
     "MutualGravity": (ml.asteroids.MutualGravity(1.0), TRAVELLING, TWO),
+    "SolarTide": (ml.asteroids.SolarTide(lambda t: THERE + 0 * t, 3.0), TRAVELLING, TRAVELS),
+    "TidalDissipation": (ml.asteroids.TidalDissipation(1.0, 0.1, 0.5), TRAVELLING, TWO),
     "Rod": (ml.molecules.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),
     "Exchange": (ml.spins.Exchange(1.0), ml.spins.Spins(), SPINS),
     "Anisotropy": (ml.spins.Anisotropy(0.3), ml.spins.Spins(), SPINS),

@@ -312,6 +312,18 @@ FUNCTIONS = {
         lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
         (MOMENTUM, NUMBER),
     ),
+    "tumblings": of(
+        lambda body, slow, fast: ml.asteroids.tumblings(
+            body,
+            precession_period=slow,
+            rotation_period=fast,
+            axis="short",
+            pole=jnp.array([0, 0.6, 0.8], slow.dtype),
+            phases=(0.1, 0.2),
+        )["short", "short"],
+        lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
+        (MOMENTUM, NUMBER),
+    ),
     "free_motion": of(
         lambda body, state, times: ml.free_motion(body, state, times).states,
         lambda u: (*alone(u), u([0.0, 0.5, -2.0], TIME)),
