@@ -105,7 +105,6 @@ ENTRIES: dict[str, Entry] = {
             schemes.BADAB,
             "CHIN4A for a torque that cannot be differentiated, three to five digits; not symplectic",
         )._replace(rival=True),
-        Entry(Brownian(), "strong friction: overdamped motion in a heat bath; weak order 2"),
         Entry(RK4, "comparison: the classical Runge-Kutta method; preserves no structure", chart=True),
         _entry(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
         _entry(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force at mid-step", "position Verlet"),
@@ -115,12 +114,15 @@ ENTRIES: dict[str, Entry] = {
     )
 }
 
+# Methods that need a heat bath, and whose order is weak.
+_RANDOM = {"BROWNIAN": Entry(Brownian(), "strong friction: overdamped motion in a heat bath; weak order 2")}
+
 _ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; schemes: {', '.join(SCHEMES)}."
 
 
 def entries() -> dict[str, Entry]:
-    """All methods by name: `ENTRIES` and the methods of the applications."""
-    return ENTRIES | {entry.method.name: entry for room in _ROOMS for entry in import_module(room).ENTRIES}
+    """All methods by name: `ENTRIES`, the methods that need a bath, and the methods of the applications."""
+    return ENTRIES | _RANDOM | {entry.method.name: entry for room in _ROOMS for entry in import_module(room).ENTRIES}
 
 
 def families() -> dict[str, Callable[[Scheme], Method]]:

@@ -1,5 +1,6 @@
 """`Autocorrelation`: how long a quantity of the bodies stays correlated with its past."""
 
+from abc import abstractmethod
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -61,48 +62,20 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Autocorrelation(Series):
-    """C(lag) is the mean of x(t) x(t + lag) over bodies and times t; for a vector, of x(t) . x(t + lag).
-
-    Returns a `Correlation` for each array that the observable returns. An array counts as the vector of all its
-    numbers; to get a correlation for each number, observe a dict. As usual in molecular dynamics (M. P. Allen and D. J.
-    Tildesley, Computer Simulation of Liquids, 2017, section 8.2), no mean is removed, and each lag uses all available
-    pairs of values. Only the values before the first bad state of a body count.
-
-    The error assumes independent bodies, and nothing else: values of one body may be correlated.
+class Products(Series):
+    """Sums of x(t) x(t + lag) of each body.
 
     Attributes:
-        observable: the observable x.
-        lags: the largest lag, in intervals between saved values: lag k is the time k * save_every * abs(dt).
-        centred: whether the mean of x over all bodies and times is removed first, which gives the autocovariance.
-        normalised: whether C is divided by C(0); the error is then the error of the ratio.
-
-    Raises:
-        ValueError: `lags` is not a positive int; a driver raises it if the run has at most `lags` saved values.
-
-    Examples:
-        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> memory = ml.observe.Autocorrelation(ml.observe.Axis(), lags=20)
-        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=100, observe=memory).states
-        >>> found.correlation.shape, round(float(found.correlation[0]), 6)  # axes have length 1
-        ((21,), 1.0)
+        lags: the largest lag, in intervals between saved values.
+        centred: whether the mean of x over all bodies and times is removed first.
     """
 
-    fields = Correlation._fields
     lags: int = eqx.field(static=True)
     centred: bool = eqx.field(static=True)
-    normalised: bool = eqx.field(static=True)
-
-    def __init__(self, observable: Any, lags: int, *, centred: bool = False, normalised: bool = False):
-        self.observable, self.lags = observable, as_count("lags", lags)
-        for name, value in (("centred", centred), ("normalised", normalised)):
-            if not isinstance(value, bool):
-                raise ValueError(f"{name} must be True or False, got {described(value)}.")
-        self.centred, self.normalised = centred, normalised
 
     def check(self, saves: int | None) -> None:
         if saves is None:
-            raise ValueError("an Autocorrelation needs values at several times; give save_every.")
+            raise ValueError("a correlation needs values at several times; give save_every.")
         if self.lags >= saves:
             raise ValueError(
                 f"lags ({self.lags}) must be less than the number of saved values ({saves}); take fewer lags, a "
@@ -164,8 +137,9 @@ class Autocorrelation(Series):
             lambda of_array: self._sums(of_array, counted), carried, is_leaf=lambda x: isinstance(x, Carried)
         )
 
+    @abstractmethod
     def _sums(self, carried: Carried, counted: Array) -> Sums:
-        return sums_of(*self._terms(carried, counted), relative=self.normalised)
+        """`Sums` of these bodies for one observed array."""
 
     def _terms(self, carried: Carried, counted: Array) -> tuple[Array, Array, Array, Array, Array]:
         """The arguments of `sums_of` but the last."""
@@ -190,7 +164,48 @@ class Autocorrelation(Series):
         ends = jnp.cumsum(carried.first, axis=1) + jnp.cumsum(last[:, ::-1], axis=1)
         return jnp.moveaxis(jnp.pad(ends, [(0, 0), (1, 0), (0, 0)]), 0, -1)
 
-    def of_sums(self, sums: Sums, interval: Array) -> Any:
+
+class Autocorrelation(Products):
+    """C(lag) is the mean of x(t) x(t + lag) over bodies and times t; for a vector, of x(t) . x(t + lag).
+
+    Returns a `Correlation` for each array that the observable returns. An array counts as the vector of all its
+    numbers; to get a correlation for each number, observe a dict. As usual in molecular dynamics (M. P. Allen and D. J.
+    Tildesley, Computer Simulation of Liquids, 2017, section 8.2), no mean is removed, and each lag uses all available
+    pairs of values. Only the values before the first bad state of a body count.
+
+    The error assumes independent bodies, and nothing else: values of one body may be correlated.
+
+    Attributes:
+        observable: the observable x.
+        lags: the largest lag, in intervals between saved values: lag k is the time k * save_every * abs(dt).
+        centred: whether the mean of x over all bodies and times is removed first, which gives the autocovariance.
+        normalised: whether C is divided by C(0); the error is then the error of the ratio.
+
+    Raises:
+        ValueError: `lags` is not a positive int; a driver raises it if the run has at most `lags` saved values.
+
+    Examples:
+        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> memory = ml.observe.Autocorrelation(ml.observe.Axis(), lags=20)
+        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=100, observe=memory).states
+        >>> found.correlation.shape, round(float(found.correlation[0]), 6)  # axes have length 1
+        ((21,), 1.0)
+    """
+
+    fields = Correlation._fields
+    normalised: bool = eqx.field(static=True)
+
+    def __init__(self, observable: Any, lags: int, *, centred: bool = False, normalised: bool = False):
+        self.observable, self.lags = observable, as_count("lags", lags)
+        for name, value in (("centred", centred), ("normalised", normalised)):
+            if not isinstance(value, bool):
+                raise ValueError(f"{name} must be True or False, got {described(value)}.")
+        self.centred, self.normalised = centred, normalised
+
+    def _sums(self, carried: Carried, counted: Array) -> Sums:
+        return sums_of(*self._terms(carried, counted), relative=self.normalised)
+
+    def of_sums(self, sums: Sums, interval: Array) -> Correlation:
         value, error = mean_and_error(sums, relative=self.normalised)
         lag = jnp.arange(self.lags + 1, dtype=jnp.int32).astype(value.dtype) * interval.astype(value.dtype)
         return Correlation(lag, value, error, sums.number)

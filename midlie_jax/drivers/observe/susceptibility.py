@@ -8,8 +8,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from ..._checks.arguments import as_floats, require
-from .autocorrelation import Autocorrelation, Carried
+from ..._checks.arguments import as_count, as_floats, require
+from .autocorrelation import Carried, Products
 from .spread import Sums, mean_and_error, sums_of
 
 
@@ -39,7 +39,7 @@ class Response(NamedTuple):
     number: Int[Array, "*batch f"]
 
 
-class Susceptibility(Autocorrelation):
+class Susceptibility(Products):
     """chi(omega) of x under an energy -x f(t), by the fluctuation-dissipation theorem (R. Kubo 1957).
 
     With the autocorrelation C, chi = -(1/kT) times the integral of C'(t) exp(i omega t) over t > 0, with C linear
@@ -69,7 +69,7 @@ class Susceptibility(Autocorrelation):
     kT: Array
 
     def __init__(self, observable: Any, lags: int, *, kT: Any):
-        super().__init__(observable, lags)
+        self.observable, self.lags, self.centred = observable, as_count("lags", lags), False
         self.kT = as_floats("kT", kT)
         if self.kT.shape:
             raise ValueError(f"kT must be a number, got shape {self.kT.shape}.")
