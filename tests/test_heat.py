@@ -688,10 +688,13 @@ def test_rows_of_a_bath_are_rows_of_one_body(count):
     """Chosen from the shapes, by name, or as axes of torque and bath."""
     weights, kT, friction = jnp.linspace(1.0, 2.0, count), jnp.linspace(0.5, 1.0, count), FRICTION * jnp.eye(3)
     bath, start = Langevin(kT, friction, keys(count)), at_rest(count, hot=True)
-    run = partial(ml.ensemble, "JACOBI[BAOAB]", body_in("float64"), ml.torques.HeavyTop(weights), start, bath=bath)
-    axes = (ml.torques.HeavyTop(0, None), Langevin.__new__(Langevin))
-    for name, axis in (("kT", 0), ("key", 0), ("friction", None), ("linear_friction", None)):
-        object.__setattr__(axes[1], name, axis)
+    tops = ml.torques.HeavyTop(weights)
+    run = partial(ml.ensemble, "JACOBI[BAOAB]", body_in("float64"), tops, start, bath=bath)
+
+    def axis(path, leaf):
+        return 0 if jax.tree_util.keystr(path) in (".mgl", ".kT", ".key") else None
+
+    axes = tuple(jax.tree_util.tree_map_with_path(axis, tree) for tree in (tops, bath))
     said = [["mgl", "bath.kT", "bath.key"], axes, *(["auto"] if count == 2 else [])]
     for found in (run(dt=0.1, steps=5, torque_axes=each).states for each in said):
         for row in range(count):

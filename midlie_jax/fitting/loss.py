@@ -95,7 +95,7 @@ class Cauchy(Loss):
 
     Examples:
         >>> ml.fitting.Cauchy().counted(jnp.array([0.1, 100.0])).round(3)  # for ml.fit(..., loss=...)
-        Array([0.1  , 6.521], dtype=float64)
+        Array([0.1 , 6.52], dtype=float64)
     """
 
     scale: float = eqx.field(static=True, default=2.385)

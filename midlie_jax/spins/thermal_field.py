@@ -22,7 +22,7 @@ class ThermalField(HeatBath):
 
     The argument `bath` of a run, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
     acts in the flights. The stage rotates each spin about a random axis, as Brownian motion on the sphere with the
-    diffusion constant D = kT g alpha: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
+    diffusion constant D = kT g alpha: `<S(t) . S(0)> = exp(-2 D t)` without a field. The Boltzmann distribution
     exp(-H/kT) is approached with an error of second order in the step (weak order 2). D h of a stage, for its part of
     the step, must be at most 1; above, the spins are NaN and `ok` is False.
 

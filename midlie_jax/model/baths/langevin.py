@@ -23,8 +23,8 @@ class Langevin(HeatBath):
     """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame; likewise for p if the body translates.
 
     The argument `bath` of a run, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
-    these equations exactly. A free body therefore keeps the Maxwell distribution, <Pi_i^2> = kT I_i and <p_i^2> = kT m,
-    at any step that the flight supports. docs/heat.md describes the effect of a torque.
+    these equations exactly. A free body therefore keeps the Maxwell distribution, `<Pi_i^2> = kT I_i` and
+    `<p_i^2> = kT m`, at any step that the flight supports. docs/heat.md describes the effect of a torque.
 
     With a torque, averages have an error of second order in the step: the weak order of a scheme with a bath is 2. In a
     harmonic well of frequency omega, let s = (h omega)^2/4. BAOAB and ABOBA have the exact variance of the position,
