@@ -15,6 +15,7 @@ for equal d, C = 2 h d (1 - h d/6). The step is half of this diffusion, the moti
 rule, and the other half of the diffusion: weak order 2 (Strang splitting).
 """
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -29,7 +30,7 @@ from .._math.short_series import WIDEST_SQUARE, cosine_and_sinc_of_square, half_
 from ..model.baths.langevin import Langevin
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body, RigidBody, TensorBody
-from ..model.exposure import PreparedBath, in_principal_axes, product, rows
+from ..model.exposure import in_principal_axes, product, rows
 from ..model.free_body import Place
 from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
@@ -39,7 +40,6 @@ from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
 _LARGEST = 0.5  # of h kT tr M: six standard deviations of a random rotation are within the polynomials of `half_turn`
-_MOBILITY = "mobility"
 
 
 class Mobility(NamedTuple):
@@ -149,11 +149,9 @@ class Brownian(Method):
         system = System.of(body, torque, start, t)
         if system.reads_momentum:
             raise ValueError(f"torque must not read the momentum under {self.name}, where a body has none.")
-        frame, count = body.frame_of_user(), start.momentum.shape[-2] if start.several else 0
         frictions = [x.astype(h.dtype) for x in (bath.friction, bath.linear_friction) if x is not None]
-        made: Any = {_MOBILITY: [Mobility.of(friction, frame) for friction in frictions]}
-        members = jnp.arange(count, dtype=jnp.int32) if count else 0
-        return system._replace(bath=PreparedBath(bath.root, bath.words, made, members))
+        made = [Mobility.of(friction, body.frame_of_user()) for friction in frictions]
+        return system._replace(bath=bath.for_run(start, made, bath.root))
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
@@ -174,7 +172,7 @@ def _diffused(system: System, t: Array, h: Array, motion: AnyMotion, half: int) 
     moved, sizes = [], []
     for own, one in system.members(motion):
         assert own.bath is not None
-        turning, *travel = own.bath.exposures[_MOBILITY]
+        turning, *travel = own.bath.exposures
         rotating, rotation = own.rotating(one)
         like = one.momentum.linear if travel else rotation.momentum
         orientation: Any = rotation.pose
@@ -189,7 +187,7 @@ def _diffused(system: System, t: Array, h: Array, motion: AnyMotion, half: int) 
                 position = cp.add(position, shift)
         moved.append(_at(one, orientation, position))
         sizes.append(2 * s * turning.trace)
-    return system.of_members(moved), _largest(sizes)
+    return system.of_members(moved), reduce(jnp.maximum, sizes)
 
 
 def _driven(
@@ -202,7 +200,7 @@ def _driven(
     forces = [force] if len(system.members(motion)) == 1 else force
     for (own, one), (_, there), pull in zip(system.members(motion), system.members(at), forces, strict=True):
         assert own.bath is not None
-        turning, *travel = own.bath.exposures[_MOBILITY]
+        turning, *travel = own.bath.exposures
         rotating, rotation = own.rotating(one)
         _, rotation_there = own.rotating(there)
         turn = cp.scale(time, product(turning.inverse, pull.angular if travel else pull))
@@ -214,7 +212,7 @@ def _driven(
             position = cp.add(one.pose.position, cp.scale(time, shift))
         moved.append(_at(one, _turned(rotating, rotation.pose, turn, h), position))
         sizes.append(cp.dot(turn, turn) / 4)
-    return system.of_members(moved), _largest(sizes)
+    return system.of_members(moved), reduce(jnp.maximum, sizes)
 
 
 def _turned(system: System, orientation: Any, turn: cp.Vector, h: Array) -> Any:
@@ -237,10 +235,3 @@ def _by_mobility(system: System, orientation: Any, mobility: Mobility, product: 
 
 def _at(motion: AnyMotion, orientation: Any, position: cp.Vector | None) -> AnyMotion:
     return Motion(motion.momentum, orientation if position is None else Place(orientation, position))
-
-
-def _largest(sizes: list[Array]) -> Array:
-    largest = sizes[0]
-    for size in sizes[1:]:
-        largest = jnp.maximum(largest, size)
-    return largest

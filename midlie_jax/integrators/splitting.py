@@ -105,8 +105,7 @@ class Splitting(Method):
         assert isinstance(bath, Langevin)
         bath.check_on(start, body)
         coefficients = {b for kind, b in self.scheme.stages if kind == BATH}
-        count = start.momentum.shape[-2] if start.several else 0
-        prepared = bath.prepared(body, coefficients, t, h, count)
+        prepared = bath.prepared(body, coefficients, t, h, start)
         return System.of(body, rest, start, t)._replace(bath=prepared)
 
     def keeps_force(self, system: System) -> bool:

@@ -55,14 +55,15 @@ class PreparedBath(NamedTuple):
     Attributes:
         root: the function of time sqrt(kT), or None if the exposures include the temperature.
         key: two or four words, uint32, of the random key.
-        exposures: the effect of the bath in a stage, in the form of the momentum, by the coefficient of the stage.
+        exposures: the effect of the bath: for a scheme by the coefficient of the stage, in the form of the momentum; or
+            whatever a method makes of the frictions. Arrays may have an axis (N,) of coupled bodies.
         member: the index of the body among coupled bodies: all indices (N,), or one.
         step: the index of the step, or None outside a step.
     """
 
     root: Callable[[Any], Array] | None
     key: tuple[Array, ...]
-    exposures: dict[Any, Any]
+    exposures: Any
     member: Any
     step: Array | None = None
 

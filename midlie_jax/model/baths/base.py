@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 
 from ..._checks.arguments import as_floats, described, is_key, require
-from ..exposure import root_of
+from ..exposure import PreparedBath, root_of
 
 
 class HeatBath(eqx.Module):
@@ -43,6 +43,11 @@ class HeatBath(eqx.Module):
         if jnp.shape(temperature):
             raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
         return root_of(jnp.asarray(temperature).astype(t.dtype))
+
+    def for_run(self, start: Any, exposures: Any, root: Any) -> PreparedBath:
+        """The bath of a run; `root` is sqrt(kT) as a function of time, or None if the exposures include it."""
+        count = start.momentum.shape[-2] if start.several else 0
+        return PreparedBath(root, self.words, exposures, jnp.arange(count, dtype=jnp.int32) if count else 0)
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""

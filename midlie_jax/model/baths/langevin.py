@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
@@ -76,21 +75,21 @@ class Langevin(HeatBath):
         self.friction = _friction("friction", friction)
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
-    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, count: int) -> PreparedBath:
+    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
         """The bath prepared for the steps of a run.
 
         Args:
             body: the body of the run.
             coefficients: of the bath stages.
             t, h: a time of the run and its step, ().
-            count: the number of coupled bodies, or 0 for one body.
+            start: the initial state.
         """
         principal, frame, friction = body.in_principal_axes(), body.frame_of_user(), self.friction.astype(h.dtype)
         linear = None if self.linear_friction is None else self.linear_friction.astype(h.dtype)
         root = self.root if callable(self.kT) else None
         own = None if root is not None else self.root(t)
         made = {b: exposures(principal, frame, friction, linear, b * h, own) for b in sorted(coefficients)}
-        return PreparedBath(root, self.words, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
+        return self.for_run(start, made, root)
 
     def check(self, state: AnyState) -> None:
         for name in ("friction", "linear_friction") if knows_axis_alone(state) else ():
