@@ -37,6 +37,19 @@ _MOST = 8  # bodies, each pair of which is written out
 Matrix = tuple[cp.Vector, cp.Vector, cp.Vector]  # rows
 
 
+def require_coupled(torque: ReadsBody, state: Any, body: Any) -> tuple[CoupledState, FreeBody]:
+    """State and body; raises unless they are of coupled bodies that translate, with all three moments."""
+    name = type(torque).__name__
+    if not isinstance(state, CoupledState) or not isinstance(body, FreeBody):
+        raise ValueError(
+            f"{name} acts on a CoupledState of a FreeBody, but the state is a {type(state).__name__} and the body "
+            f"{described(body)}."
+        )
+    if not isinstance(body.body, RigidBody | TensorBody):
+        raise ValueError(f"{name} needs all three moments; use a FreeBody of a RigidBody or TensorBody.")
+    return state, body
+
+
 class MutualGravity(ReadsBody):
     """Mutual gravity of coupled rigid bodies, for a `CoupledState` and a `FreeBody` of 2 to 8 bodies.
 
@@ -112,13 +125,7 @@ class MutualGravity(ReadsBody):
         return sum(pairs[1:], start=pairs[0])
 
     def _bodies(self, state: Any, body: Any) -> "list[_Body]":
-        if not isinstance(state, CoupledState) or not isinstance(body, FreeBody):
-            raise ValueError(
-                f"MutualGravity acts on a CoupledState of a FreeBody, but the state is a {type(state).__name__} and "
-                f"the body {described(body)}."
-            )
-        if not isinstance(body.body, RigidBody | TensorBody):
-            raise ValueError("MutualGravity needs all three moments; use a FreeBody of a RigidBody or TensorBody.")
+        state, body = require_coupled(self, state, body)
         count = state.count
         if not 2 <= count <= _MOST:
             raise ValueError(

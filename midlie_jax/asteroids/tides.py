@@ -10,18 +10,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, require, vector_at
+from .._checks.arguments import as_floats, require, vector_at
 from .._math import components as cp
-from ..model.bodies import RigidBody, TensorBody
-from ..model.free_body import FreeBody
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time
-from ..model.states import CoupledState
 from ..model.torques.fields import require_all_directions
 from ..model.torques.reads_body import ReadsBody
 from ..model.torques.travel import travelling
 from ..model.wrench import Wrench
+from .mutual_gravity import require_coupled
 
 
 class SolarTide(ReadsBody):
@@ -143,13 +141,7 @@ class TidalDissipation(ReadsBody):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         del t
-        if not isinstance(state, CoupledState) or not isinstance(body, FreeBody):
-            raise ValueError(
-                f"TidalDissipation acts on a CoupledState of a FreeBody, but the state is a {type(state).__name__} and "
-                f"the body {described(body)}."
-            )
-        if not isinstance(body.body, RigidBody | TensorBody):
-            raise ValueError("TidalDissipation needs all three moments; use a FreeBody of a RigidBody or TensorBody.")
+        state, body = require_coupled(self, state, body)
         n = state.count
         lags, radii = (self._each(name, n) for name in ("lag", "radius"))
         bodies = [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(n)]
