@@ -398,6 +398,9 @@ def of_baths() -> dict[str, Scene]:
     found = {}
     for (bath, (state, torque)), scheme in product(BATHS.items(), HEATED):
         found[f"bath {bath}, {scheme}"] = Scene(default_method(state, scheme), *_with(state, torque))
+    for bath, (state, torque) in BATHS.items():
+        if bath != "spins":
+            found[f"bath {bath}, BROWNIAN"] = Scene("BROWNIAN", *_with(state, torque))
     found["bath free, DLM[BAOAB]"] = Scene("DLM[BAOAB]", *_with("rigid", langevin("rigid")))
     found["bath free, SYMMETRIC[BAOAB]"] = Scene("SYMMETRIC[BAOAB]", *_with("top", langevin("top")))
     return found

@@ -65,7 +65,9 @@ class Mobility(NamedTuple):
         inverse = jnp.linalg.inv(friction)
         square, trace = inverse @ inverse, jnp.trace(inverse, axis1=-2, axis2=-1)
         second = (trace**2 - jnp.trace(square, axis1=-2, axis2=-1)) / 2
-        bend = (5 / 3) * (square - trace[..., None, None] * inverse) + second[..., None, None] * jnp.eye(3)
+        bend = (5 / 3) * (square - trace[..., None, None] * inverse) + second[..., None, None] * jnp.eye(
+            3, dtype=friction.dtype
+        )
         return cls(rows(inverse), rows(bend), trace)
 
     def rotation(self, s: Array, noise: cp.Vector) -> cp.Vector:
