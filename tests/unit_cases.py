@@ -205,6 +205,11 @@ WITHOUT_UNITS = {
 }
 
 
+def _tumbling(make: Any, body: Any, slow: Any, fast: Any, **mode: str) -> Any:
+    periods = {"precession_period": slow, "rotation_period": fast}
+    return make(body, **periods, axis="short", pole=jnp.array([0, 0.6, 0.8], slow.dtype), phases=(0.1, 0.2), **mode)
+
+
 def _wheels(momentum: Any, time: Any, t: Any) -> Any:
     return momentum * (1 + t / time)
 
@@ -300,27 +305,12 @@ FUNCTIONS = {
     "velocity": of(ml.observe.linear_velocity, moving, SPEED),
     "tumble": of(lambda body, state: tuple(ml.asteroids.tumble(body, state)), alone, TUMBLE),
     "tumbling": of(
-        lambda body, slow, fast: ml.asteroids.tumbling(
-            body,
-            precession_period=slow,
-            rotation_period=fast,
-            axis="short",
-            pole=jnp.array([0, 0.6, 0.8], slow.dtype),
-            phases=(0.1, 0.2),
-            mode="short",
-        ),
+        lambda *given: _tumbling(ml.asteroids.tumbling, *given, mode="short"),
         lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
         (MOMENTUM, NUMBER),
     ),
     "tumblings": of(
-        lambda body, slow, fast: ml.asteroids.tumblings(
-            body,
-            precession_period=slow,
-            rotation_period=fast,
-            axis="short",
-            pole=jnp.array([0, 0.6, 0.8], slow.dtype),
-            phases=(0.1, 0.2),
-        )["short", "short"],
+        lambda *given: _tumbling(ml.asteroids.tumblings, *given)["short", "short"],
         lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
         (MOMENTUM, NUMBER),
     ),
