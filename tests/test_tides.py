@@ -47,7 +47,7 @@ def test_the_tide_is_that_of_its_potential():
 def test_hills_problem_has_the_known_secular_advance():
     """A wide circular pair that the Sun makes precess: rates of orbit and node follow perturbation theory.
 
-    Of a circular orbit of rate n with inclination i to that of a Sun on a circle of rate s: the node moves by
+    A circular orbit has the rate n and the inclination i to the orbit of the Sun, whose rate is s. Its node moves by
     -(3/4) (s^2/n) cos i to leading order in s/n (E. W. Brown, An Introductory Treatise on the Lunar Theory (1896)).
     """
     distance, inclination, ratio = 1.0, 0.3, 0.01

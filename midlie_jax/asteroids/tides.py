@@ -1,4 +1,4 @@
-"""`SolarTide`, the tide of the Sun on the bodies of a binary, and `TidalDissipation`, friction by their own tides."""
+"""`SolarTide`, the tide of the Sun on the bodies of a binary, and `TidalDissipation`, friction by mutual tides."""
 
 from collections.abc import Callable
 from itertools import permutations

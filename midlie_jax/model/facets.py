@@ -94,7 +94,7 @@ def with_horizon(columns: tuple[Array, ...], surface: Surface) -> tuple[tuple[Ar
 
 
 def unshadowed(row: Any, columns: int, *directions: cp.Vector) -> Array | float:
-    """The fraction of a facet that sees all directions; `row` begins with the normal and has `columns` of its own."""
+    """The fraction of a facet that sees all directions; `row` begins with the normal, its horizon at `columns`."""
     if len(row) == columns:
         return 1.0
     return reduce(jnp.minimum, [open_sky(row[columns:], direction, row[0:3]) for direction in directions])
