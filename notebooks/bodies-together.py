@@ -170,29 +170,23 @@ Image(ml.plot.animate(body, two, folder / "dimer.gif", frames=60, size=400, poin
 # %% [markdown]
 # ## A box of water
 #
-# 216 molecules at 300 K, periodic: the force is `benchmarks/laboratory/molecules` of the repository, a pair force to
-# copy, whose list of neighbours is a leaf of the torque. A quarter of a picosecond in steps of 2 fs:
+# 216 molecules at 300 K, periodic, under `ml.molecules.PairForces`: Lennard-Jones and damped Coulomb forces.
+# `ml.molecules.integrate` keeps the list of neighbours up to date. A quarter of a picosecond in steps of 2 fs:
 
 # %%
 sys.path.insert(0, str(Path.cwd().parent / "benchmarks"))
 from laboratory.molecules import water
-from laboratory.molecules.runs import energy as energy_of
-from laboratory.molecules.runs import motion
 
 box, edge = water.box()
-began, states, energies = time.perf_counter(), [box], []
-for step, (state, torque) in enumerate(motion("JACOBI[EA]", box, edge, 0.002, 5)):
-    states.append(state)
-    energies.append(energy_of(state, torque))
-    if step == 24:
-        break
+bodies, forces, run = water.molecules(216), water.forces(edge), {"dt": 0.002, "steps": 125, "save_every": 5}
+began = time.perf_counter()
+movie = ml.molecules.integrate("JACOBI[EA]", bodies, forces, box, **run)
 print(f"125 steps of 216 molecules with compilation: {time.perf_counter() - began:.0f} s")
-print(f"energy {energies[-1]:.1f} kJ/mol, standard deviation {np.std(energies):.2f}")
-stacked = jax.tree.map(lambda *x: jnp.stack(x), *states)
-movie = ml.Path(jnp.arange(len(states)) * 0.01, stacked, jnp.asarray(True), jnp.asarray(len(states)), jnp.asarray(0))
+energy = ml.molecules.integrate("JACOBI[EA]", bodies, forces, box, **run, observe=ml.observe.energy).states
+print(f"energy {energy[-1]:.1f} kJ/mol, standard deviation {np.std(energy):.2f}")
 Image(
     ml.plot.animate(
-        water.molecules(216), movie, folder / "box.gif", frames=26, size=420, rate=10, points=water.POINTS,
+        bodies, movie, folder / "box.gif", frames=26, size=420, rate=10, points=water.POINTS,
         title="216 waters, a quarter of a picosecond",
     )
 )  # fmt: skip

@@ -226,6 +226,19 @@ class Back(torques.Torque):
         return -self.stiffness * ml.so3.log(state.attitude)
 
 
+PAIRS, PAIRS_ON_AXES = (
+    ml.molecules.PairForces(
+        points,
+        box=[9.0, 9.0, 10.0],
+        cutoff=4.0,
+        charges=[0.5, -0.3],
+        sigmas=[0.3, 0.4],
+        epsilons=[0.2, 0.1],
+        damping=0.2,
+    )
+    for points in ([[0.1, 0.0, 0.2], [0.0, -0.2, 0.1]], [[0.0, 0.0, 0.2], [0.0, 0.0, -0.1]])
+)
+
 # Name: the kind of state and the torque. The class of the torque, and those in a sum, count as covered.
 TORQUES: dict[str, tuple[str, Any]] = {
     "none": ("top", None),
@@ -273,6 +286,8 @@ TORQUES: dict[str, tuple[str, Any]] = {
     ),
     "TidalDissipation": ("two", ml.asteroids.TidalDissipation(0.5, 0.05, 0.3) + ml.asteroids.MutualGravity(0.5)),
     "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + ml.asteroids.MutualGravity(0.3)),
+    "PairForces": ("five", PAIRS.listed(STATES["five"][1], skin=6.0)),
+    "PairForces, axes": ("five free axes", PAIRS_ON_AXES.listed(STATES["five free axes"][1], skin=6.0)),
     "Rod": ("five", ml.molecules.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),
     "AppliedField": ("spins", ml.spins.AppliedField([0.1, 0.2, 0.7])),
     "Exchange": ("spins", ml.spins.Exchange(0.4)),

@@ -1,4 +1,4 @@
-"""The pair force that users copy, its list of neighbours, and the data of the waters: against sums over all pairs."""
+"""Pair forces of molecules and their list of neighbours against sums over all pairs; runs that keep the list."""
 
 from math import erfc, exp, pi, sqrt
 
@@ -8,21 +8,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from laboratory.molecules import water
-from laboratory.molecules.damped_water import DampedPairs
-from laboratory.molecules.neighbours import neighbour_list
 
 import midlie_jax as ml
 
 CUTOFF, DAMPING = 0.9, 2.0
 START, EDGE = water.box()
 SITES = 2  # oxygen and one hydrogen, with all kinds of pairs, compile in half the time
-POINTS, DATA = water.POINTS[:SITES], [x[:SITES] for x in (water.CHARGES, water.SIGMAS, water.EPSILONS)]
+POINTS = water.POINTS[:SITES]
+DATA = {"charges": water.CHARGES[:SITES], "sigmas": water.SIGMAS[:SITES], "epsilons": water.EPSILONS[:SITES]}
 PLACES = np.asarray(ml.molecules.sites(START, POINTS))
+BOXES = {"cube": (EDGE, EDGE, EDGE), "brick": (EDGE, 1.1 * EDGE, 1.3 * EDGE)}
 
 
-def listed(state=START, single=False):
-    places = ml.molecules.sites(state, POINTS)
-    return DampedPairs(neighbour_list(places, EDGE, CUTOFF, 0.1, slots=180), POINTS, *DATA, EDGE, single=single)
+def forces_in(box=EDGE, **more):
+    return ml.molecules.PairForces(POINTS, box=box, cutoff=CUTOFF, **{**DATA, **more})
+
+
+def listed(state=START, box=EDGE, **more):
+    return forces_in(box, **more).listed(state, skin=0.1, slots=190)
 
 
 @eqx.filter_jit
@@ -50,14 +53,13 @@ def pair(distance, charge, sigma, epsilon):
     return energy + there - at_c + (distance - c) * force_at_c, charge * (pull - s) + force - force_at_c
 
 
-@pytest.fixture(scope="module")
-def of_all_pairs():
+def of_all_pairs(box):
     """Energy, and forces on all sites."""
     energy, forces = 0.0, np.zeros_like(PLACES)
     for p in range(SITES):
         for q in range(SITES):
             d = PLACES[:, None, p] - PLACES[None, :, q]
-            d -= EDGE * np.round(d / EDGE)
+            d -= box * np.round(d / np.array(box))
             r = np.linalg.norm(d, axis=-1)
             inside = (r < CUTOFF) & ~np.eye(len(r), dtype=bool)
             r = np.where(inside, r, CUTOFF)
@@ -70,9 +72,10 @@ def of_all_pairs():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("single", [False, True])
-def test_forces_and_energy_are_those_of_all_pairs(single, of_all_pairs):
-    found, energy = evaluated(listed(single=single), START)
-    expected_energy, expected = of_all_pairs
+@pytest.mark.parametrize("box", BOXES)
+def test_forces_and_energy_are_those_of_all_pairs(single, box):
+    found, energy = evaluated(listed(box=BOXES[box], single=single), START)
+    expected_energy, expected = of_all_pairs(BOXES[box])
     largest = np.max(np.abs(expected.force))
     np.testing.assert_allclose(energy, expected_energy, rtol=1e-10)
     np.testing.assert_allclose(found.force, expected.force, atol=largest * (1e-5 if single else 1e-11))
@@ -119,11 +122,123 @@ def test_a_list_serves_until_a_site_has_moved_by_half_the_skin():
     assert jnp.isnan(lost)
 
 
-def test_lists_that_cannot_be():
+def scaled(scale, box="brick"):
+    """The molecules and the box stretched, the molecules rigid."""
+    state = ml.CoupledState(START.momentum, START.attitude, START.linear, scale * START.position)
+    return state, listed(state, tuple(scale * x for x in BOXES[box]))
+
+
+def test_the_virial_is_the_derivative_of_the_energy_with_the_size_of_the_box():
+    state, torque = scaled(1.0)
+    step = 1e-5
+    up, down = (evaluated(*reversed(scaled(1 + x)))[1] for x in (step, -step))
+    virial = eqx.filter_jit(lambda torque, state: torque.virial(0.0, state))(torque, state)
+    np.testing.assert_allclose(virial, -(up - down) / (2 * step), rtol=1e-5)
+    body = water.molecules(START.count)
+    pressure = ml.molecules.Pressure().of(jnp.array(0.0), state, body, torque)
+    kinetic = np.sum(np.sum(np.asarray(state.linear) ** 2, axis=-1) / np.asarray(body.mass)) / 2
+    np.testing.assert_allclose(pressure, (2 * kinetic + virial) / (3 * np.prod(torque.box)), rtol=1e-12)
+
+
+def test_a_custom_energy_gives_the_forces_of_the_same_energy_built_in():
+    def lennard_jones(p, q, r):
+        del q
+        sixth = (water.SIGMAS[0] / r) ** 6
+        return 4 * (water.EPSILONS[0] if p == 0 else 0.3) * (sixth**2 - sixth)
+
+    both = {"sigmas": [water.SIGMAS[0]] * 2, "epsilons": [water.EPSILONS[0], 0.3]}
+    first = {"charges": None, "sigmas": None, "epsilons": None}
+    alone = ml.molecules.PairForces(POINTS[:1], box=EDGE, cutoff=CUTOFF, **{k: v[:1] for k, v in both.items()})
+    own = ml.molecules.PairForces(POINTS[:1], box=EDGE, cutoff=CUTOFF, energy=lennard_jones, **first)
+    (found, energy), (expected, expected_energy) = (evaluated(f.listed(START), START) for f in (own, alone))
+    np.testing.assert_allclose(found.force, expected.force, atol=1e-11 * float(jnp.max(jnp.abs(expected.force))))
+    np.testing.assert_allclose(energy, expected_energy, rtol=1e-12)
+
+
+def nitrogen(count=64, edge=2.2, seed=0):
+    """Linear molecules of two sites on a lattice in a box, hot enough to move far in a short run."""
+    rng, number = np.random.default_rng(seed), round(count ** (1 / 3))
+    body, points = ml.molecules.from_points([14.0067, 14.0067], [[0, 0, -0.055], [0, 0, 0.055]])
+    axis = rng.normal(size=(count, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    lattice = edge / number * np.stack(np.meshgrid(*[np.arange(number)] * 3), axis=-1).reshape(-1, 3)
+    momentum = np.cross(axis, 0.3 * rng.normal(size=(count, 3)))
+    start = ml.CoupledFreeAxisState(momentum, axis, linear=10 * rng.normal(size=(count, 3)), position=lattice)
+    return body, ml.molecules.PairForces(points, box=edge, cutoff=0.9, sigmas=[0.331] * 2, epsilons=[0.299] * 2), start
+
+
+def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours():
+    body, forces, start = nitrogen()
+    options = {"dt": 0.002, "steps": 160, "save_every": 40}
+    whole = ml.integrate("SYMMETRIC[EA]", body, forces.listed(start, skin=1.6), start, **options)
+    path = ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, skin=0.05, **options)
+    assert bool(path.ok)
+    assert bool(whole.ok)
+    first = forces.listed(start, skin=0.05).neighbours
+    assert float(first.moved(ml.molecules.sites(jax.tree.map(lambda x: x[-1], path.states), forces.points))) > 0.1
+    for found, expected in zip(jax.tree.leaves(path.states), jax.tree.leaves(whole.states), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-8 * float(jnp.max(jnp.abs(expected))))
+    np.testing.assert_allclose(path.times, whole.times, rtol=1e-14)
+
+
+def test_a_run_of_molecules_goes_on_from_its_carry_and_has_observables_and_noise():
+    body, forces, start = nitrogen()
+    bath = ml.baths.Langevin(2.5, 1.0, jax.random.key(0), linear_friction=1.0)
+    observe = {"energy": ml.observe.energy, "pressure": ml.molecules.Pressure()}
+    options = {"dt": 0.002, "bath": bath}
+    half = ml.molecules.integrate("SYMMETRIC[BAOAB]", body, forces, start, steps=20, save_every=10, **options)
+    rest = ml.molecules.integrate(
+        "SYMMETRIC[BAOAB]", body, forces, half.carry, steps=20, save_every=10, observe=observe, **options
+    )
+    whole = ml.molecules.integrate("SYMMETRIC[BAOAB]", body, forces, start, steps=40, save_every=None, **options)
+    assert int(rest.carry.index) == 40
+    np.testing.assert_allclose(rest.times, [0.04, 0.06, 0.08], rtol=1e-12)
+    np.testing.assert_allclose(whole.times, 0.08, rtol=1e-12)
+    last = forces.listed(whole.states)
+    energy = ml.observe.energy(body, last, whole.states)
+    np.testing.assert_allclose(rest.states["energy"][-1], energy, rtol=1e-9)
+    pressure = ml.molecules.Pressure().of(jnp.array(0.0), whole.states, body, last)
+    np.testing.assert_allclose(rest.states["pressure"][-1], pressure, rtol=1e-7)
+    series = ml.molecules.integrate(
+        "SYMMETRIC[BAOAB]",
+        body,
+        forces,
+        start,
+        steps=20,
+        save_every=5,
+        observe=ml.observe.Autocorrelation(axes, 2),
+        **options,
+    )
+    assert series.states.lag.shape == (3,)
+
+
+def axes(t, state):
+    del t
+    return state.axis
+
+
+def test_a_run_that_fails_says_why_and_repeats_its_last_values():
+    body, forces, start = nitrogen()
+    path = ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, dt=1.0, steps=6, save_every=2)
+    assert not path.ok
+    assert path.result != ml.RESULTS.successful
+    assert int(path.first_bad) == 1
+    assert path.times.shape == (4,)
+    with pytest.raises(ValueError, match=r"torque must contain PairForces.*midlie_jax\.integrate"):
+        ml.molecules.integrate("SYMMETRIC[EA]", body, ml.torques.Magnus(0.1), start, dt=0.1, steps=2)
+    with pytest.raises(ValueError, match=r"must not be traced.*forces\.listed"):
+        jax.jit(lambda s: ml.molecules.integrate("SYMMETRIC[EA]", body, forces, s, dt=0.1, steps=2))(start)
+
+
+def test_pair_forces_that_cannot_be():
     with pytest.raises(ValueError, match=r"box must be at least twice the cut-off.*more molecules"):
-        neighbour_list(PLACES, EDGE, 1.0, 0.1)
-    with pytest.raises(ValueError, match=r"slots must be even and at least 1.*got 100; give some more"):
-        neighbour_list(PLACES, EDGE, CUTOFF, 0.1, slots=100)
+        ml.molecules.PairForces(POINTS, box=[EDGE, 1.7, EDGE], cutoff=CUTOFF)
+    with pytest.raises(ValueError, match="charges must be 2 numbers, one for each point, got 3"):
+        ml.molecules.PairForces(POINTS, box=EDGE, cutoff=CUTOFF, charges=water.CHARGES)
+    with pytest.raises(ValueError, match=r"list of neighbours.*forces\.listed\(start\)"):
+        forces_in()(0.0, START)
+    with pytest.raises(ValueError, match=r"PairForces alone for the pressure"):
+        ml.molecules.Pressure().of(jnp.array(0.0), START, water.molecules(216), None)
 
 
 def test_the_dimer_has_the_known_energies_and_forces():

@@ -242,6 +242,11 @@ OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain for
     "MutualGravity": (ml.asteroids.MutualGravity(1.0), TRAVELLING, TWO),
     "SolarTide": (ml.asteroids.SolarTide(lambda t: THERE + 0 * t, 3.0), TRAVELLING, TRAVELS),
     "TidalDissipation": (ml.asteroids.TidalDissipation(1.0, 0.1, 0.5), TRAVELLING, TWO),
+    "PairForces": (
+        ml.molecules.PairForces(HERE[None], box=9.0, cutoff=4.0, charges=[1.0]).listed(TWO),
+        TRAVELLING,
+        TWO,
+    ),
     "Rod": (ml.molecules.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),
     "Exchange": (ml.spins.Exchange(1.0), ml.spins.Spins(), SPINS),
     "Anisotropy": (ml.spins.Anisotropy(0.3), ml.spins.Spins(), SPINS),

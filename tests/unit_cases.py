@@ -82,6 +82,21 @@ def pair(u: Units) -> Any:
     return body, ml.CoupledState(*rows, u([[3.0, -7.0, 2.0], [0.0, 1.0, 0.0]], LENGTH))
 
 
+def pair_forces(u: Units) -> Any:
+    """Lennard-Jones and Coulomb forces on the molecules of `pair`, which are near each other through the walls."""
+    forces = ml.molecules.PairForces(
+        u([[0.1, 0.0, 0.2]], LENGTH),
+        box=u([8.0, 9.0, 10.0], LENGTH),
+        cutoff=float(u(4.0, LENGTH)),
+        charges=[0.5],
+        sigmas=u([2.0], LENGTH),
+        epsilons=u([0.2], ENERGY),
+        damping=float(u(0.2, CURVATURE)),
+        coulomb=float(u(1.5, (3, 1, -2))),
+    )
+    return forces.listed(pair(u)[1], skin=float(u(0.5, LENGTH)))
+
+
 def chain(u: Units) -> Any:
     return ml.spins.Spins(), ml.spins.SpinState(u([[0.0, 0.6, 0.8], [0.0, -0.8, 0.6], [1.0, 0.0, 0.0]]))
 
@@ -187,6 +202,7 @@ TORQUES = {
         lambda u: ml.asteroids.TidalDissipation(u(2.0, (3, -1, -2)), u(0.3, TIME), u(1.0, LENGTH)), pair, WRENCH
     ),
     "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair, WRENCH),
+    "PairForces": on(pair_forces, pair, WRENCH),
     "Rod": on(
         lambda u: ml.molecules.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))),
         pair,
@@ -274,6 +290,10 @@ def box_light(u: Units) -> tuple[Any, Any]:
 
 def observed(observable: Any) -> Callable[..., Any]:
     return lambda torque, body, state, t: ml.observe.as_observable("observe", observable).of(t, state, body, torque)
+
+
+def box_of_two(u: Units) -> tuple[Any, ...]:
+    return pair_forces(u), *pair(u), u(0.75, TIME)
 
 
 def scene(u: Units) -> tuple[Any, ...]:
@@ -376,6 +396,7 @@ FUNCTIONS = {
     "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
     "energy in a run": of(observed(ml.observe.energy), scene, ENERGY),
     "spatial_momentum in a run": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
+    "Pressure": of(observed(ml.molecules.Pressure()), box_of_two, (-1, 1, -2)),
     "EulerAngles in a run": of(observed(ml.observe.EulerAngles("ZXZ")), scene, NUMBER),
     "angular_velocity in a run": of(observed(ml.observe.angular_velocity), scene, RATE),
     "position in a run": of(observed(ml.observe.position), scene, LENGTH),

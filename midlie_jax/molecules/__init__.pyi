@@ -1,9 +1,13 @@
-"""Molecules and rods: bodies from points, forces on their sites, molecule files, elastic rods of coupled bodies.
+"""Molecules and rods: bodies from points, forces between sites in a box, molecule files, elastic rods.
 
 `read` needs the extra `molecules` (ase), `write_xyz` nothing. In files, lengths are in nm, times in ps, masses in
 amu.
 """
 
+from .boxes import Pressure as Pressure
+from .boxes import integrate as integrate
+from .neighbours import Neighbours as Neighbours
+from .pair_forces import PairForces as PairForces
 from .points import from_points as from_points
 from .points import sites as sites
 from .points import wrench_on_sites as wrench_on_sites

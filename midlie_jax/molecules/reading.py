@@ -8,9 +8,9 @@ import numpy as np
 
 from .._checks.arguments import as_count
 from ..model import so3
-from ..model.bodies import RigidBody
 from ..model.free_body import FreeBody
-from ..model.states import CoupledState
+from ..model.rotor import SymmetricRotor
+from ..model.states import CoupledFreeAxisState, CoupledState
 from .points import from_points
 
 _NM_PER_ANGSTROM = 0.1
@@ -23,7 +23,8 @@ class Molecules(NamedTuple):
     Attributes:
         body: one body for all molecules; moments in amu nm^2.
         points: the atoms of a molecule in its principal frame, (a, 3), nm.
-        start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities.
+        start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities. Linear
+            molecules have a `CoupledFreeAxisState`.
         box: the edges of the box, (3,), nm; zero along axes that are not periodic.
         symbols: the chemical symbols of the atoms of a molecule.
 
@@ -37,7 +38,7 @@ class Molecules(NamedTuple):
 
     body: FreeBody
     points: Any
-    start: CoupledState
+    start: CoupledState | CoupledFreeAxisState
     box: np.ndarray
     symbols: list[str]
 
@@ -50,7 +51,7 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
 
     Args:
         file: in any format of ase, with positions in the units that ase assumes.
-        atoms: of a molecule, at least 3 and not on one line.
+        atoms: of a molecule, at least 2.
         masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Required for LAMMPS data
             without a section Masses, where they also determine the elements.
         options: for `ase.io.read`, such as format="lammps-data", units="real".
@@ -61,7 +62,7 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     Raises:
         ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
         ValueError: the number of atoms is not a multiple of `atoms`, the box is not rectangular, the molecules differ
-            in shape or elements, the atoms are on a line, or the file has neither elements nor masses.
+            in shape or elements, or the file has neither elements nor masses.
 
     Examples:
         >>> from ase.build import molecule
@@ -96,12 +97,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     velocities = np.asarray(found.get_velocities()).reshape(-1, size, 3) * (1000 * units.fs * _NM_PER_ANGSTROM)
     places = places[:, :1] + _nearest(places - places[:, :1], box)
     body, points = from_points(weights, places[0])
-    if not isinstance(body.body, RigidBody):
-        raise ValueError(
-            "file must have molecules whose atoms are not on a line. Use "
-            "midlie_jax.molecules.from_points and a midlie_jax.CoupledFreeAxisState."
-        )
-    return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
+    start = _start(weights, np.asarray(points), places, velocities, linear=isinstance(body.body, SymmetricRotor))
+    return Molecules(body, points, start, box, symbols[:size])
 
 
 def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
@@ -130,7 +127,7 @@ def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
     return way - np.where(box > 0, edges * np.round(way / edges), 0)
 
 
-def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray) -> CoupledState:
+def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray, linear: bool) -> Any:
     """The rigid motion nearest to the motion of the atoms: attitudes by Kabsch's method, momenta by sums."""
     weights = masses[:, None] / masses.sum()
     position, velocity = np.sum(weights * places, axis=1), np.sum(weights * velocities, axis=1)
@@ -145,5 +142,9 @@ def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocitie
             f"the molecules differ in shape by {missed:.3g} nm, but must be rigid; give a file of rigid molecules."
         )
     spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
+    if linear:
+        axis = frames[:, :, 2]
+        spin = spin - np.sum(spin * axis, axis=1, keepdims=True) * axis  # rounding
+        return CoupledFreeAxisState(spin, axis, masses.sum() * velocity, position)
     momentum = np.einsum("nij,ni->nj", frames, spin)
     return CoupledState(momentum, so3.from_matrix(jnp.asarray(frames)), masses.sum() * velocity, position)

@@ -1,10 +1,10 @@
 """216 waters for 2 ps: how much their energy wavers, at equal numbers of forces."""
 
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from harness import REPORTS, Line, Panel, Table, chart, put
 
@@ -12,7 +12,6 @@ import midlie_jax as ml
 
 from . import water
 from .lammps_runs import Waters
-from .runs import energy, forces_per_step, motion
 
 PER_FORCE = (0.5, 1.0, 2.0, 4.0)  # fs
 SCHEMES = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3, "SRKN14a": 2}  # steps between two samples
@@ -23,13 +22,11 @@ LAMMPS = "LAMMPS `rigid/nve/small`"
 def own(scheme: str, per_force: float) -> float:
     """The standard deviation of the energy, kJ/mol; NaN if the run fails."""
     name, (start, edge) = f"JACOBI[{scheme}]", water.box()
-    dt, steps = 1e-3 * per_force * forces_per_step(name), SCHEMES[scheme]
-    samples = motion(name, start, edge, dt, steps, skin=edge)
-    try:
-        found = [energy(state, torque) for state, torque in islice(samples, round(LENGTH / (dt * steps)))]
-    except RuntimeError:
-        return np.nan
-    return float(np.std(found))
+    dt, every = 1e-3 * per_force * water.forces_per_step(name), SCHEMES[scheme]
+    options = {"dt": dt, "steps": every * round(LENGTH / (dt * every)), "save_every": every, "skin": edge}
+    body = water.molecules(start.count)
+    path = ml.molecules.integrate(name, body, water.forces(edge), start, **options, observe=ml.observe.energy)
+    return float(np.std(path.states[1:])) if path.ok else np.nan
 
 
 def lammps(step: float) -> float:
@@ -47,7 +44,7 @@ def measured() -> Iterator[tuple[str, float, list[float]]]:
     """Name, forces a step, and for each of `PER_FORCE` the standard deviation of the energy."""
     yield LAMMPS, 1, [lammps(step) for step in PER_FORCE]
     for scheme in SCHEMES:
-        yield f"`JACOBI[{scheme}]`", forces_per_step(f"JACOBI[{scheme}]"), [own(scheme, x) for x in PER_FORCE]
+        yield f"`JACOBI[{scheme}]`", water.forces_per_step(f"JACOBI[{scheme}]"), [own(scheme, x) for x in PER_FORCE]
 
 
 def row(name: str, forces: float, found: list[float]) -> list[str]:
@@ -76,7 +73,9 @@ def draw(results: list[tuple[str, float, list[float]]], path: Path) -> None:
 def places_apart(length: float = 0.1) -> float:
     """The largest distance of a site in LAMMPS, in steps of .1 fs, from that under SRKN6b, in steps of 1 fs, in nm."""
     start, edge = water.box()
-    state, _ = next(motion("JACOBI[SRKN6b]", start, edge, 1e-3, round(1e3 * length), skin=edge))
+    steps = round(1e3 * length)
+    path = water.motion("JACOBI[SRKN6b]", start, edge, 1e-3, steps, every=steps, skin=edge, single=False)
+    state = jax.tree.map(lambda x: x[-1], path.states)
     with Waters(start, 0.1, edge) as run:
         run.run(round(1e4 * length), prepare=True)
         difference = run.places() - np.asarray(ml.molecules.sites(state, water.POINTS))

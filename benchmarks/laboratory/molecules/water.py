@@ -9,9 +9,6 @@ from jax import Array
 
 import midlie_jax as ml
 
-from .damped_water import COULOMB, DampedPairs
-from .neighbours import Neighbours
-
 # Oxygen and two hydrogens. x is along H-H, z from the oxygen to between them.
 MASSES = (15.9994, 1.008, 1.008)
 CHARGES = (-0.8476, 0.4238, 0.4238)
@@ -23,6 +20,8 @@ MOMENTS = jnp.array(BODY.inertia().rotation.moments)
 # The principal axes in that frame are x, -z and y; this takes components along them to x, y, z.
 FRAME = jnp.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 BOLTZMANN = 0.00831446261815324  # kJ/mol/K
+COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
+CUTOFF = 0.9
 
 # The edge of a box of 216 molecules with .997 g/cm3; the start was made by rescaling velocities for some ps.
 EDGE = 1.8643
@@ -78,9 +77,26 @@ def box(copies: int = 1) -> tuple[ml.CoupledState, float]:
     return in_principal_axes(**{name: values[order] for name, values in start.items()}), copies * EDGE
 
 
-def forces(neighbours: Neighbours, edge: float, single: bool = False) -> DampedPairs:
+def forces(edge: float, single: bool = False) -> ml.molecules.PairForces:
     """The pair force with the data of this water."""
-    return DampedPairs(neighbours, POINTS, CHARGES, SIGMAS, EPSILONS, edge, single=single)
+    data = {"charges": CHARGES, "sigmas": SIGMAS, "epsilons": EPSILONS, "coulomb": COULOMB}
+    return ml.molecules.PairForces(POINTS, **data, box=edge, cutoff=CUTOFF, single=single)
+
+
+def motion(
+    method: str, start: ml.CoupledState, edge: float, dt: float, steps: int, *, every: int, skin: float, single: bool
+) -> ml.Path[Any]:
+    """The path of a box, saved after every `every` steps. A skin as wide as the edge lists all molecules for ever."""
+    forced = forces(edge, single)
+    run = {"dt": dt, "steps": steps, "save_every": every, "skin": skin}
+    return ml.molecules.integrate(method, molecules(start.count), forced, start, **run)
+
+
+def forces_per_step(method: str) -> int:
+    """How many forces a step costs; the derivative of a force along a direction counts as another force."""
+    scheme: Any = getattr(ml.method(method), "scheme", None)
+    gradients = 0 if scheme.displaced else sum(bool(gradient) for gradient in scheme.gradients)
+    return ml.method(method).evaluations + gradients
 
 
 def temperatures(state: ml.CoupledState) -> tuple[Array, Array]:
