@@ -1,12 +1,15 @@
 """The run of `test_simulate.py`; as a program, that run in a process of its own: to be killed, or one of several.
 
-    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--late]
+    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--late] [--torn N]
 
-It prints a line whenever it has written something. With `--late` it writes after each turn of its loop.
+It prints a line whenever it has written something. With `--late` it writes after each turn of its loop. With `--torn`
+it is killed in the middle of its N-th file of values, half of which is then there.
 """
 
 import argparse
+import itertools
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -18,6 +21,7 @@ if __name__ == "__main__":
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--port", type=int)
     parser.add_argument("--late", action="store_true")
+    parser.add_argument("--torn", type=int)
     options = parser.parse_args()
     os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={options.devices}"  # and no others
 
@@ -25,6 +29,7 @@ import conftest  # noqa: F401  (float64)
 import jax
 import jax.numpy as jnp
 import numpy as np
+import zarr
 
 import midlie_jax as ml
 from midlie_jax.simulation import pipeline
@@ -49,7 +54,21 @@ def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, star
     return ml.simulate(method, body, torque, start, out=out, **given)
 
 
+def tear(number):
+    count, whole = itertools.count(1), zarr.storage.LocalStore.set
+
+    async def written(self, key, value):
+        if "/c" in key and next(count) == number:  # a chunk
+            await whole(self, key, value[: len(value) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        await whole(self, key, value)
+
+    zarr.storage.LocalStore.set = written
+
+
 def main():
+    if options.torn:
+        tear(options.torn)
     if options.late:
         pipeline.LEG = pipeline.KEPT = 0.0
     if options.processes > 1:

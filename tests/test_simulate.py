@@ -437,6 +437,21 @@ def test_a_killed_run_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
 
 
 @pytest.mark.sample(0)
+@pytest.mark.parametrize("seed", [0, *whole(*range(1, 6))])
+def test_a_run_killed_within_a_file_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
+    """A file of a part is written by half, even where Zarr would have renamed it only when whole."""
+    number = CREATED + random.Random(seed).randrange(1, 3 * 16 + 1)
+    process, _ = start_process(tmp_path / "run.zarr", cache, "--torn", number)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    found = ml.simulation.inspect(tmp_path / "run.zarr")
+    assert not found.damaged
+    assert found.done < found.total
+    finished(*start_process(tmp_path / "run.zarr", cache))
+    assert_same(tmp_path / "run.zarr", optimised)
+
+
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("devices", [2, 4])
 def test_devices_compute_the_same_bits(tmp_path, cache, optimised, devices):
     finished(*start_process(tmp_path / "run.zarr", cache, "--devices", devices))
