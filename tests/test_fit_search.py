@@ -108,6 +108,45 @@ def test_all_minima_are_those_that_scipy_finds():
     np.testing.assert_allclose(by_span.coordinates[:2], found.coordinates[:2], rtol=1e-6)
 
 
+def two_nights(sigma, length, count):
+    """Between two nights one period more or less can be counted; one value of 40 is wrong."""
+    t = np.concatenate([np.linspace(start, start + length, count) for start in (0, 30)])
+    seen = np.sin(2 * t + 0.4) + sigma * np.random.default_rng(0).standard_normal(2 * count)
+    seen[::40] += 5
+    return fitting.Observed(t, seen, sigma, wave)
+
+
+def test_a_wrong_minimum_that_looks_like_noise_is_doubted():
+    """Its rms is not too large for sigmas known to 10 %, and outliers hide that its residuals are correlated."""
+    seen, guess = two_nights(0.16, 4.0, 200), {**FIRST, "phase": fitting.Periodic(-0.02)}
+    wrong, right = (
+        ml.fit(still, guess, seen, **FREE, starts=starts, ranges={"frequency": limits}, loss="cauchy")
+        for starts, limits in ((8, (2.2, 2.22)), (32, (1.9, 2.22)))
+    )
+    assert wrong.ok
+    assert abs(wrong.values["frequency"] - 2) > 0.2
+    assert "wrong minimum; give more starts" in " ".join(wrong.doubts)
+    assert "doubtful" in str(wrong)
+    assert right.ok
+    np.testing.assert_allclose(right.values["frequency"], 2, atol=0.003)
+    assert not right.doubts
+
+
+def test_minima_that_chance_may_exchange_are_named():
+    """Within five sigma, but no copies: the wave of negative height is one of half a period."""
+    guess = {**FIRST, "height": fitting.Free(0.9)}
+    search = {"starts": 64, "ranges": {"frequency": (1.6, 2.6), "phase": "all", "height": (-1.0, 1.0)}}
+    found = ml.fit(still, guess, two_nights(0.4, 2.0, 100), **FREE, **search, loss="cauchy")
+    losses = np.array([minimum.chi_squared for minimum in found.minima])
+    sigmas = np.sqrt((losses - losses[0]) / found.rms**2)
+    near = [f"minima[{k}] ({sigmas[k]:.2g})" for k in np.flatnonzero((sigmas > 0.1) & (sigmas < 5))]
+    assert np.sum(sigmas < 0.1) == 2
+    assert len(near) > 1
+    assert found.doubts == [
+        f"chance may decide which minimum is the best; less than 5 sigma worse: {', '.join(near[:5])}"
+    ]
+
+
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_a_robust_loss_is_the_one_of_scipy(loss):
     """SciPy's losses count 1/2 rho(f^2), with f in units of the scale; the minimum is the same."""

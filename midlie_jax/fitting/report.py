@@ -25,6 +25,8 @@ from .solve import Plan
 
 _FLAT = 1e-3  # for a smaller share I1 + I2 - I3 of the sum, optimum and interval may be invalid
 _TOLD = 5  # minima in a table
+_SIGMAS = 5.0  # of two minima within so many, chance may decide which is the better one
+_SAME, _TINY = 1e-4, 1e-300  # a smaller difference of chi-squared is the one of a copy
 _SHARE = 0.5  # share of the method's reach for a step, because a body may later rotate faster
 
 
@@ -107,16 +109,37 @@ class Fit:
         """Why the values or the intervals may be wrong even if `ok` is True; empty if there is no reason to doubt.
 
         It names all outliers, unless the fit has a loss; correlated neighbouring residuals, and the factor by which
-        they make the intervals too narrow; and rows so far apart that other values may fit as well.
+        they make the intervals too narrow; and rows so far apart that other values may fit as well. After a search,
+        correlated residuals are the sign of a wrong minimum: with a loss, its chi-squared may look like noise. Another
+        minimum within 5 sigma is named, unless it is a copy with the same chi-squared. A wrong minimum whose residuals
+        are like noise remains unseen if the search did not reach the right one.
         """
         return [doubt.text for doubt in self.doubtful()]
 
     def doubtful(self) -> list[Doubt]:
         """The doubts with the measurement and the rows that each concerns."""
-        found = doubts(self.residuals(), self._measurements)
-        if self._loss is not None:  # which outliers do not disturb
-            found = [doubt for doubt in found if not doubt.rows]
-        return [*found, Doubt(self.aliases, None)] if self.aliases else found
+        residuals = self.residuals()
+        if self._loss is not None:  # which outliers do not disturb, nor must they hide a correlation
+            residuals = [np.asarray(self._loss.judged(jnp.asarray(x))) for x in residuals]
+        found = [d for d in doubts(residuals, self._measurements) if self._loss is None or not d.rows]
+        of_search = self._rivals() if self.minima else []
+        if self.minima and any(not doubt.rows for doubt in found):
+            of_search.append("the search may have ended in a wrong minimum; give more starts, or another first_span")
+        return [*found, *(Doubt(text, None) for text in (*of_search, self.aliases) if text)]
+
+    def _rivals(self) -> list[str]:
+        """The minima that chance may have made worse than the best one."""
+        best, deviations = self.minima[0].chi_squared, np.sqrt(np.diagonal(self.covariance))
+        found: list[str] = []
+        for k, (chi_squared, values, _) in enumerate(self.minima):
+            worse = (chi_squared - best) / max(self.rms**2, _TINY)
+            leaves = zip(self._layout.parameters, jax.tree.leaves(values), strict=True)
+            off = np.concatenate([np.asarray(p.coordinates(jnp.asarray(x))) for p, x in leaves]) - self.coordinates
+            same = chi_squared - best <= _SAME * (1 + best) or np.all(np.abs(off) <= 2 * _SIGMAS * deviations)
+            if worse < _SIGMAS**2 and not same:
+                found.append(f"minima[{k}] ({math.sqrt(worse):.2g})")
+        told = ", ".join(found[:_TOLD])
+        return [f"chance may decide which minimum is the best; less than 5 sigma worse: {told}"] if found else []
 
     @property
     def _loss(self) -> Loss | None:
