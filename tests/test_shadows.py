@@ -68,16 +68,62 @@ def test_a_wall_casts_the_shadow_of_its_height():
     assert float(jnp.mean(slopes)) == pytest.approx(float(jnp.mean(-WIDE * 0.5 * jnp.sin(elevations))), rel=0.1)
 
 
+FREE = ml.FreeState(jnp.zeros(3), STILL.attitude, jnp.array([1.0, 0.0, 0.0]), jnp.zeros(3))
+RADIUS = 0.7  # of the smaller ball
+FREE_BODY = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 1.0)
+
+
+def dragged(surface, state=FREE, **options):
+    return ml.spacecraft.FreeMolecularDrag(surface, 1.0, **options).on(FREE_BODY)(0.0, state).force
+
+
 @quiet
-def test_two_parallel_plates_take_half_the_force_of_two():
+@pytest.mark.parametrize("by", ["light", "wind"])
+def test_two_parallel_plates_take_half_the_force_of_two(by):
     plate = grid_box([0.01, 1.0, 1.0], [1, 2, 2])
     plates = plate + plate.moved([0.5, 0.0, 0.0])
-    free = ml.FreeState(jnp.zeros(3), STILL.attitude, jnp.zeros(3), jnp.zeros(3))
     force = [
-        ml.asteroids.Sunlight(x, [1.0, 0.0, 0.0], 1.0, speed_of_light=1.0)(0.0, free).force
+        dragged(x)
+        if by == "wind"
+        else ml.asteroids.Sunlight(x, [1.0, 0.0, 0.0], 1.0, speed_of_light=1.0)(0.0, FREE).force
         for x in (plates, plates.with_shadows())
     ]
     np.testing.assert_allclose(force, [[-2.0, 0, 0], [-1.0, 0, 0]], atol=1e-12)
+
+
+@quiet
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.5])
+def test_the_drag_of_two_balls_is_that_of_their_outline(angle):
+    """In a cold gas rho v^2 times the area of two circles without the lens in which they overlap."""
+    pytest.importorskip("trimesh")
+    large, small = (shadows.stretched(2, lambda v, r=r: np.full(len(v), r)) for r in (1.0, RADIUS))
+    ahead = jnp.array([jnp.cos(angle), jnp.sin(angle), 0.0])
+    apart, lens = 2.5 * np.sin(angle), np.pi * RADIUS**2
+    if apart > 1 - RADIUS:
+        x = (apart**2 + 1 - RADIUS**2) / (2 * apart)
+        lens = np.arccos(x) + RADIUS**2 * np.arccos((apart - x) / RADIUS) - apart * np.sqrt(1 - x**2)
+    state = ml.FreeState(FREE.momentum, FREE.attitude, ahead, FREE.position)
+    alone = -dragged(large, state) @ ahead / np.pi  # of a polyhedron
+    found = -dragged((large.moved([2.5, 0.0, 0.0]) + small).with_shadows(), state) @ ahead / alone
+    np.testing.assert_allclose(found, np.pi * (1 + RADIUS**2) - lens, rtol=0.015)
+
+
+@quiet
+def test_shadows_in_a_warm_gas_lie_between_the_cold_and_the_gas_at_rest():
+    """A slow gas hides nothing; a fast one pushes one plate of two; no force jumps where a facet turns into the lee."""
+    plate = grid_box([0.01, 1.0, 1.0], [1, 2, 2])
+    plates = plate + plate.moved([0.5, 0.0, 0.0])
+    behind = plates.with_shadows()
+    np.testing.assert_allclose(dragged(behind, thermal_speed=1e-3), dragged(behind), atol=1e-4)
+    slow, slow_behind = (dragged(x, thermal_speed=1e3) for x in (plates, behind))
+    np.testing.assert_allclose(slow_behind, slow, rtol=0.3)
+    angles = jnp.pi / 2 + jnp.array([-1e-7, 1e-7])
+    states = [
+        ml.FreeState(FREE.momentum, FREE.attitude, jnp.array([jnp.cos(a), jnp.sin(a), 0]), FREE.position)
+        for a in angles
+    ]
+    np.testing.assert_allclose(*(dragged(behind, x, thermal_speed=0.5) for x in states), atol=1e-5)
 
 
 def test_light_passes_below_what_hangs_over_a_facet():
@@ -109,6 +155,7 @@ def test_a_surface_that_is_not_convex_gives_a_warning_without_shadows():
     for make in (
         lambda x: ml.asteroids.Brightness(x, [1.0, 0, 0], [1.0, 0, 0], LAW),
         lambda x: ml.asteroids.Sunlight(x, [1.0, 0, 0], 1.0),
+        lambda x: ml.spacecraft.FreeMolecularDrag(x, 1.0, [1.0, 0, 0]),
     ):
         with pytest.warns(UserWarning, match=r"use surface.with_shadows\(\)"):
             make(surface)

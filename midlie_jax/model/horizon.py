@@ -124,7 +124,7 @@ def open_sky(row: Any, direction: cp.Vector, normal: cp.Vector) -> Array:
 
     Args:
         row: of the columns and the tables of the horizon: across, sharpness, top, and bottom unless it is None.
-        direction, normal: unit vectors, body frame.
+        direction, normal: body frame; the normal is a unit vector, the direction may have any length.
     """
     across, sharpness, *tables = row[0:3], *row[3:]
     x, y, z = cp.dot(across, direction), cp.dot(cp.cross(normal, across), direction), cp.dot(normal, direction)

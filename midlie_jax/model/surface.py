@@ -291,7 +291,7 @@ class Surface(eqx.Module):
         return self._in_axes(so3.to_matrix(rotation).T)
 
     def with_shadows(self, azimuths: int = 64) -> "Surface":
-        """The surface whose facets shadow and hide each other, for `Brightness` and `Sunlight`.
+        """The surface whose facets shadow and hide each other, in light and in the wind of `FreeMolecularDrag`.
 
         Each facet gets a horizon: the elevations that the rest of the surface hides, at these azimuths. A facet
         is lit in part, smoothly. The shadows move along with the state and its derivatives, but have no derivative
