@@ -53,7 +53,9 @@ def require_coupled(torque: ReadsBody, state: Any, body: Any) -> tuple[CoupledSt
 class MutualGravity(ReadsBody):
     """Mutual gravity of coupled rigid bodies, for a `CoupledState` and a `FreeBody` of 2 to 8 bodies.
 
-    Energy, linear momentum and the total angular momentum are conserved.
+    Energy, linear momentum and the total angular momentum are conserved. The expansion holds while the spheres around
+    the bodies do not overlap; moments do not give their radii, so nothing warns. For a spheroid (3, 1, 1) in contact
+    with a ball of radius 1, the force is 12 % too small at degree 2 and 5 % at degree 4.
 
     Attributes:
         G: the gravitational constant, (), length^3 / (mass time^2).
