@@ -27,6 +27,16 @@ def test_the_moments_of_echostar_ii_from_its_parts():
     np.testing.assert_allclose(centre, 0, atol=1e-15)
 
 
+def test_the_plates_and_rods_of_drake():
+    """Drake issue 19551: rounded plates are bodies, a rod is a rotor, and the last row no body can have."""
+    for plate in ((0.0833, 0.0833, 0.1667), (0.25, 0.25, 0.5)):
+        np.testing.assert_allclose(ml.RigidBody(plate).moments, plate, rtol=1e-3)
+    with pytest.raises(ValueError, match="for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor"):
+        ml.RigidBody([1.0, 1.0, 0.0])
+    with pytest.raises(ValueError, match="the largest must not exceed the sum of the other two"):
+        ml.RigidBody([0.0347563, 0.0458929, 0.0977])
+
+
 @pytest.mark.parametrize("order", [*permutations(range(3))])
 def test_a_free_body_of_orekit(order):
     """`TorqueFreeTest`: the spatial momentum stays, and the body momentum has a period of 686.15256 s."""
