@@ -333,8 +333,11 @@ def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
     assert low < 0.4 < high
 
 
-def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.0, flight=1.2, flights=1):
-    """Rest, random motion in a hand, a throw, a catch: times, rates with a bias, begin and end of the last flight."""
+def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.0, flight=1.2, flights=1, off=0.0):
+    """Rest, random motion in a hand, a throw, a catch: times, rates with a bias, begin and end of the last flight.
+
+    The axes are `off` degrees from the principal ones.
+    """
     rng, moments, dt = np.random.default_rng(seed), np.array([0.9, 3.1, 3.9]), 1 / hz
     parts = [np.zeros((int(still * hz), 3))]
     body = ml.RigidBody(moments)
@@ -349,7 +352,8 @@ def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.
         parts.append(np.asarray(free.momentum) / moments)
         end, x = dt * (sum(map(len, parts)) - 1), np.linspace(0, 1, hz // 2)[:, None]
         parts.append(parts[-1][-1] * np.exp(-6 * x) * np.cos(25 * x) * [1, -0.8, 1.3])
-    rates = np.concatenate(parts)
+    axis = np.random.default_rng(100 + seed).normal(size=3)
+    rates = np.concatenate(parts) @ Rotation.from_rotvec(np.deg2rad(off) * axis / np.linalg.norm(axis)).as_matrix()
     rates = rates + np.deg2rad([1.5, -1.0, 0.8]) + np.deg2rad(noise) * rng.standard_normal(rates.shape)
     return dt * np.arange(len(rates)), rates, begin, end
 
@@ -366,6 +370,8 @@ def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.
         {"held": 30.0},
         {"still": 30.0, "noise": 0.1},
         {"flights": 3},
+        {"off": 5.0},
+        {"off": 5.0, "rate": (5.0, 9.0, 4.0), "noise": 0.1},
     ],
     ids=str,
 )
