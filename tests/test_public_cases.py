@@ -31,7 +31,7 @@ def test_the_plates_and_rods_of_drake():
     """Drake issue 19551: rounded plates are bodies, a rod is a rotor, and the last row no body can have."""
     for plate in ((0.0833, 0.0833, 0.1667), (0.25, 0.25, 0.5)):
         np.testing.assert_allclose(ml.RigidBody(plate).moments, plate, rtol=1e-3)
-    with pytest.raises(ValueError, match="for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor"):
+    with pytest.raises(ValueError, match=r"for a thin rod, .* use midlie_jax\.SymmetricRotor"):
         ml.RigidBody([1.0, 1.0, 0.0])
     with pytest.raises(ValueError, match="the largest must not exceed the sum of the other two"):
         ml.RigidBody([0.0347563, 0.0458929, 0.0977])

@@ -196,8 +196,8 @@ def _flight(options: argparse.Namespace, table: Table) -> Table:
     if found is not None and (found[0] > times[0] or found[1] < times[-1]):
         table = table.within(*found)
         print(
-            f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates; "
-            "a part may be missing if the columns are over 5 degrees off the principal axes"
+            f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates"
+            "; a part may be missing if the columns are over 5 degrees off the principal axes"
         )
     check_rates(options.data, table.lines, table.rates / UNITS_OF_RATE[options.unit])
     _check_flight(options, table)
