@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 
@@ -113,3 +114,13 @@ def test_the_box_of_the_boxes_benchmark():
     energy = np.asarray(ml.observe.energy(body, weight, path))
     np.testing.assert_allclose(energy, energy[0], rtol=1e-11)  # of terms a hundred times larger
     np.testing.assert_allclose(path.states.position[-1], [-20.0, 20.0, -410.0], atol=1e-10)
+
+
+def test_a_spin_state_of_damit():
+    """Rz(lambda) Ry(90 deg - beta) Rz(phi) of its documentation, by SciPy; the pole is at (lambda, beta)."""
+    longitude, latitude, phase = np.array([254.0, -12.0, 33.0]) * DEGREE
+    found = ml.so3.to_matrix(ml.so3.from_euler(jnp.array([longitude, np.pi / 2 - latitude, phase]), "ZYZ"))
+    z, y = (lambda angle: Rotation.from_euler("z", angle)), Rotation.from_euler("y", np.pi / 2 - latitude)
+    np.testing.assert_allclose(found, (z(longitude) * y * z(phase)).as_matrix(), atol=1e-15)
+    pole = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
+    np.testing.assert_allclose(found[:, 2], pole, atol=1e-15)

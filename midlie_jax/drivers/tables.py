@@ -55,7 +55,10 @@ def to_csv(path: Any, file: str | os.PathLike[str], *, euler: str | None = None)
     for name, (dims, array, _) in values.items():
         array = array if many else array[None]
         if "member" in dims:
-            raise ValueError("to_csv writes one body per line, and these bodies are coupled. Use to_xarray.")
+            raise ValueError(
+                "to_csv writes one body per line, and these bodies are coupled. Use to_xarray, or "
+                "path._replace(states=path.states.of_body(0))."
+            )
         flat = array.reshape(*array.shape[:2], -1)
         size = flat.shape[-1]
         known = dims and dims[-1] in COORDINATES
