@@ -124,3 +124,46 @@ def test_a_spin_state_of_damit():
     np.testing.assert_allclose(found, (z(longitude) * y * z(phase)).as_matrix(), atol=1e-15)
     pole = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
     np.testing.assert_allclose(found[:, 2], pole, atol=1e-15)
+
+
+def test_sunlight_on_a_plate_of_orts():
+    """orts issue 377: specular 0.2, diffuse 0.1, the Sun at 45 degrees; the force over flux A / c."""
+    plate = ml.Surface.of_facets([1.0], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]])
+    sun = jnp.sqrt(0.5) * jnp.array([1.0, 0.0, 1.0])
+    still = ml.FreeState(jnp.zeros(3), jnp.array(LEVEL), jnp.zeros(3), jnp.zeros(3))
+    force = ml.asteroids.Sunlight(plate, sun, 1.0, 0.2, 0.1, speed_of_light=1.0)(0.0, still).force
+    np.testing.assert_allclose(force, [-0.4, 0.0, -0.6471405], atol=1e-7)
+
+
+def test_euler_angles_near_a_right_angle_in_float32():
+    """PX4 issue 27872, kornia issue 3950: where the middle angle of ZYX is nearly 90 degrees."""
+    attitude = jnp.array([0.34997767, 0.61442322, 0.34997699, -0.61442322], jnp.float32)
+    angles = ml.so3.to_euler(attitude, "ZYX")
+    assert angles.dtype == jnp.float32
+    np.testing.assert_allclose(angles[1], 1.570795, atol=2e-3)
+    again = ml.so3.from_euler(angles, "ZYX")
+    np.testing.assert_allclose(ml.so3.to_matrix(again), ml.so3.to_matrix(attitude), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rate", "angles", "rates"),
+    [
+        (0.0, [2.0554015, 10.5918203, 21.0314689], [0.4210376, 0.4646720, 0.3483206]),
+        (2.0, [9.6839372, 34.0124943, 65.9607367], [1.8460614, 0.9433829, 1.1709812]),
+    ],
+)
+def test_hyperion_in_the_plane_of_its_orbit(rate, angles, rates):
+    """C. Hill, scipython.com, problem 8.2.7: eccentricity 0.1, (B - A)/C = 0.265, from periapsis.
+
+    Its unit of rates is the momentum of the orbit over a^2.
+    """
+    unit = np.sqrt(1 - 0.1**2)
+    orbit = ml.orbits.KeplerOrbit([0.9, 0.0, 0.0], [0.0, np.sqrt(1.1 / 0.9), 0.0], 1.0)
+    body = ml.RigidBody([0.6, 0.865, 1.0])
+    pull = ml.spacecraft.GravityGradient(None, orbit, 1.0)
+    start = ml.RigidState([0.0, 0.0, rate * unit], LEVEL)
+    path = ml.integrate("JACOBI[SRKN14a]", body, pull, start, dt=2 * np.pi / 100, steps=1000, save_every=100)
+    ends = jax.tree.map(lambda x: x[jnp.array([1, 5, 10])], path.states)
+    np.testing.assert_allclose(ends.momentum[:, 2] / unit, rates, atol=2e-7)
+    turned = 2 * np.arctan2(ends.attitude[:, 3], ends.attitude[:, 0])
+    np.testing.assert_allclose((turned - angles + np.pi) % (2 * np.pi), np.pi, atol=2e-7)
