@@ -129,7 +129,9 @@ def integrate(
         left = every
         while True:
             number = min(left, lists.left)
-            then = _advance(first.method, body, lists.torque, bath, like, first.dt, first.t0, carry, np.int32(number))
+            then = _advance(
+                first.method, body, lists.torque, bath, like, first.dt, first.t0, carry, jnp.asarray(number)
+            )
             if then.ok:
                 carry, state, left = then.carry, then.state, left - number
                 lists.follow(state, number)
@@ -165,7 +167,7 @@ def _advance_by(
     method: Method, body: Any, torque: Any, bath: Any, like: Any, dt: Array, t0: Array, carry: Carry, steps: Array
 ) -> _Then:
     one = stepper(method, body, torque, like, dt=dt, t0=t0, bath=bath)
-    carry = one.advance(carry, jnp.asarray(steps))
+    carry = one.advance(carry, steps)
     return _Then(carry, one.state(carry), one.time(carry), one.ok(carry), one.result(carry))
 
 

@@ -23,7 +23,7 @@ def own(scheme: str, per_force: float) -> float:
     """The standard deviation of the energy, kJ/mol; NaN if the run fails."""
     name, (start, edge) = f"JACOBI[{scheme}]", water.box()
     dt, every = 1e-3 * per_force * water.forces_per_step(name), SCHEMES[scheme]
-    options = {"dt": dt, "steps": every * round(LENGTH / (dt * every)), "save_every": every, "skin": edge}
+    options: Any = {"dt": dt, "steps": every * round(LENGTH / (dt * every)), "save_every": every, "skin": edge}
     body = water.molecules(start.count)
     path = ml.molecules.integrate(name, body, water.forces(edge), start, **options, observe=ml.observe.energy)
     return float(np.std(path.states[1:])) if path.ok else np.nan

@@ -79,7 +79,7 @@ def box(copies: int = 1) -> tuple[ml.CoupledState, float]:
 
 def forces(edge: float, single: bool = False) -> ml.molecules.PairForces:
     """The pair force with the data of this water."""
-    data = {"charges": CHARGES, "sigmas": SIGMAS, "epsilons": EPSILONS, "coulomb": COULOMB}
+    data: Any = {"charges": CHARGES, "sigmas": SIGMAS, "epsilons": EPSILONS, "coulomb": COULOMB}
     return ml.molecules.PairForces(POINTS, **data, box=edge, cutoff=CUTOFF, single=single)
 
 
@@ -88,7 +88,7 @@ def motion(
 ) -> ml.Path[Any]:
     """The path of a box, saved after every `every` steps. A skin as wide as the edge lists all molecules for ever."""
     forced = forces(edge, single)
-    run = {"dt": dt, "steps": steps, "save_every": every, "skin": skin}
+    run: Any = {"dt": dt, "steps": steps, "save_every": every, "skin": skin}
     return ml.molecules.integrate(method, molecules(start.count), forced, start, **run)
 
 
