@@ -307,6 +307,18 @@ def langevin(state: str, kT: Any = 0.7, friction: Any = 0.8) -> Any:
     return lambda key: WithBath(None, ml.baths.Langevin(kT, friction, key, linear_friction=linear))
 
 
+def recoil(state: str) -> Any:
+    """No torque with noise that is fixed in space."""
+    linear = (lambda t: 0.3 + 0.1 * t) if STATES[state][1].kind.rotation is not None else None
+    diffusion = np.diag([0.4, 0.0, 0.2]) + np.outer([0.3, 0.5, 0.2], [0.3, 0.5, 0.2])
+    return lambda key: WithBath(None, ml.baths.Recoil(diffusion, key, linear))
+
+
+def summed(*baths: Any) -> Any:
+    """All with the same key, which do not have the same noise."""
+    return lambda key: WithBath(None, ml.baths.Sum(*(bath(key).bath for bath in baths)))
+
+
 def thermal(key: Any) -> Any:
     return WithBath(torque_for("lattice"), ml.spins.ThermalField(0.3, key))
 
@@ -319,6 +331,14 @@ BATHS: dict[str, tuple[str, Any]] = {
     "free": ("rigid", langevin("rigid")),
     "field": ("rigid", with_field(langevin("rigid"), torques.HeavyTop(0.9, [0.48, 0.6, 0.64]))),
     "kT(t)": ("top", with_field(langevin("top", lambda t: 0.5 + 0.1 * t), torques.HeavyTop(0.9))),
+    "friction(t)": ("top", with_field(langevin("top", friction=lambda t: 0.5 + 0.1 * t), torques.HeavyTop(0.9))),
+    "tensor(t)": (
+        "two",
+        langevin("two", lambda t: 0.5 + 0.1 * t, lambda t: (1 + t) * jnp.diag(jnp.array([0.4, 0.6, 0.9], t.dtype))),
+    ),
+    "recoil": ("free", with_field(recoil("free"), torques.FromPotential(pull))),
+    "recoil, axis": ("free axis", recoil("free axis")),
+    "sum": ("free", summed(langevin("free"), recoil("free"))),
     "tensor": ("tensor", langevin("tensor", friction=np.diag([0.4, 0.6, 0.9]) + 0.1)),
     "axis": ("axis", with_field(langevin("axis"), torques.FromPotential(pull))),
     "travelling": ("free", with_field(langevin("free"), torques.FromPotential(pull))),
@@ -327,7 +347,8 @@ BATHS: dict[str, tuple[str, Any]] = {
     "five": ("five", with_field(langevin("five"), torques.FromPotential(pull))),
     "spins": ("lattice", thermal),
 }
-NOISES = ("free", "kT(t)", "axis", "five", "travelling axis", "spins")
+NOISES = ("free", "kT(t)", "axis", "five", "travelling axis", "spins", "friction(t)", "recoil")
+IN_MOMENTUM = ("spins", "recoil", "recoil, axis", "sum")  # not for BROWNIAN
 HEATED = [name for name, scheme in SCHEMES.items() if any(kind == BATH for kind, _ in scheme.stages)]
 
 
@@ -414,7 +435,7 @@ def of_baths() -> dict[str, Scene]:
     for (bath, (state, torque)), scheme in product(BATHS.items(), HEATED):
         found[f"bath {bath}, {scheme}"] = Scene(default_method(state, scheme), *_with(state, torque))
     for bath, (state, torque) in BATHS.items():
-        if bath != "spins":
+        if bath not in IN_MOMENTUM:
             found[f"bath {bath}, BROWNIAN"] = Scene("BROWNIAN", *_with(state, torque))
     found["bath free, DLM[BAOAB]"] = Scene("DLM[BAOAB]", *_with("rigid", langevin("rigid")))
     found["bath free, SYMMETRIC[BAOAB]"] = Scene("SYMMETRIC[BAOAB]", *_with("top", langevin("top")))

@@ -184,6 +184,16 @@ def test_a_free_ellipsoid_turns_as_perrin_says():
 
 
 @pytest.mark.sample(0)
+def test_a_friction_that_depends_on_time_slows_the_diffusion():
+    """<cos> = exp(-2 kT integral of 1/G) = (1 + t)^(-2 kT/G) for a friction G (1 + t)."""
+    count, friction, time = 10_000, 1.4, 2.0
+    bath = Langevin(KT, lambda t: friction * (1 + t), keys(count))
+    run = {"dt": 0.05, "steps": 40, "observe": ml.observe.Axis(), "bath": bath}
+    cosine = np.asarray(ml.ensemble(METHOD, BODY, None, at_rest(count), **run).states)[..., 2]
+    assert abs(cosine.mean() - (1 + time) ** (-2 * KT / friction)) < 3.5 * cosine.std() / np.sqrt(count) + 1e-3
+
+
+@pytest.mark.sample(0)
 def test_a_free_dipole_responds_as_debye_says():
     """chi(omega) = 1/(kT (1 - i omega / 2 D)) of the sum over three components, at steps that are not short."""
     count, friction = 600, 1.4
@@ -234,6 +244,38 @@ def test_a_harmonic_well_has_the_variance_of_the_scheme(name):
     assert np.all(np.abs(values.mean(0) - 1) < 3.5 * np.sqrt(2 / len(values)))
 
 
+def chained(t, state):
+    """The energy of dipoles on springs, each with its neighbours and with a field that rotates about z."""
+    bond = state.position[1:] - state.position[:-1]
+    length = jnp.sqrt(jnp.sum(bond**2, -1))
+    (first, second), along = (state.axis[:-1], state.axis[1:]), bond / length[:, None]
+    pairs = 3 * jnp.sum(first * along, -1) * jnp.sum(second * along, -1) - jnp.sum(first * second, -1)
+    field = jnp.stack([jnp.cos(2 * t), jnp.sin(2 * t), jnp.zeros_like(t)])
+    return 10 * jnp.sum((length - 1) ** 2) - jnp.sum(pairs) - 2 * jnp.sum(state.axis @ field)
+
+
+@pytest.mark.sample(0)
+def test_a_chain_of_colloids_follows_a_rotating_field_as_with_little_inertia():
+    """Against BAOAB with momenta that relax in 0.01: mean and spread of the lags of dipoles and chain, and the length."""
+    count, time, small = 500, 1.5, 0.005
+    body = ml.FreeBody(ml.SymmetricRotor(small, small), 2 * small)
+    zero, x = jnp.zeros((count, 3, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0]), (count, 3, 1))
+    start = ml.CoupledFreeAxisState(zero, x, zero, x * jnp.arange(3.0)[None, :, None])
+    found = []
+    for method, steps in ((METHOD, 150), ("SYMMETRIC[BAOAB]", 600)):
+        bath, torque = Langevin(0.3, 0.5, keys(count, steps), 1.0), ml.torques.FromPotential(chained)
+        path = ml.ensemble(method, body, torque, start, dt=time / steps, steps=steps, bath=bath)
+        assert bool(path.ok.all())
+        axis, chain = np.asarray(path.states.axis)[:, 1], np.asarray(path.states.position)
+        chain = chain[:, 2] - chain[:, 0]
+        field, across = np.array([[np.cos(2 * time), np.sin(2 * time), 0], [-np.sin(2 * time), np.cos(2 * time), 0]])
+        seen = [axis @ field, axis @ across, chain @ field, chain @ across, np.linalg.norm(chain, axis=-1)]
+        found.append(np.array([*seen, *((x - x.mean()) ** 2 for x in seen)]))
+    error = np.sqrt(sum(x.var(1) for x in found) / count)
+    assert np.all(np.abs(found[0].mean(1) - found[1].mean(1)) < 3.5 * error + 0.01)
+    assert found[0][1].mean() < -10 * error[1]  # the dipoles lag behind the field
+
+
 @pytest.mark.sample(0)
 def test_gradients_are_those_of_the_path():
     """By the temperature and the friction, for fixed noise, against differences."""
@@ -279,6 +321,10 @@ REFUSED = {
     ),
     "damping": (lambda: go(torque=ml.torques.Damping(1.0)), "torque must not read the momentum under BROWNIAN"),
     "no bath": (lambda: go(bath=None), "has a stage for a heat bath, but bath is None"),
+    "other noise": (
+        lambda: go(bath=Langevin(KT, 1.0, jax.random.key(0)) + ml.baths.Recoil(1.0, jax.random.key(1))),
+        "bath must be one midlie_jax.baths.Langevin for BROWNIAN, got a Sum",
+    ),
     "back in time": (lambda: go(dt=-0.1), "dt must be positive in a heat bath"),
     "reversible": (lambda: go(adjoint=ml.Reversible()), "symmetric method"),
     "particles": (

@@ -346,6 +346,95 @@ def test_a_temperature_that_depends_on_time_is_that_of_the_time():
     close_to_one(end.momentum**2 / (2 * KT * 2 * (np.exp(-2.0) - np.exp(-4.0))))
 
 
+def falling(t):
+    return 2 / (1 + t)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("form", [1.0, np.ones(3), np.eye(3)], ids=["number", "three numbers", "tensor"])
+def test_a_friction_that_depends_on_time_is_that_of_the_time(form):
+    """Constant, it is a friction; and from rest <Pi^2> = kT I (1 - exp(-2 integral of G/I)), with G = 2/(1 + t)."""
+    start, sphere = at_rest(MANY), body_in("float64", np.array([2.0, 2.0, 2.0]))
+
+    def end(friction):
+        run = {"dt": 0.05, "steps": 30, "bath": Langevin(KT, friction, keys(MANY))}
+        return ensemble("JACOBI[BAOAB]", sphere, None, start, **run).states.momentum
+
+    np.testing.assert_allclose(end(lambda t: jnp.asarray(form * 2)), end(form * 2), rtol=1e-9, atol=1e-12)
+    close_to_one(end(lambda t: falling(t) * jnp.asarray(form)) ** 2 / (2 * KT * (1 - 2.5**-2)))
+
+
+@pytest.mark.sample(0)
+def test_baths_at_one_temperature_are_one_bath():
+    """Maxwell's distribution at steps of any length, also if the baths share their keys."""
+    gas, other = (Langevin(KT, friction, keys(MANY)) for friction in (tensors(1)[0], [3.0, 0.5, 1.0]))
+    path = ensemble("JACOBI[OBABO]", body_in("float64"), None, at_rest(MANY), dt=1.5, steps=40, bath=gas + other)
+    close_to_one(np.asarray(path.states.momentum) ** 2 / (KT * MOMENTS))
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("x", [0.1, 1.5])
+def test_gas_and_recoil_heat_a_sphere_as_their_equation_says(x):
+    """<Pi^2> = I (kT + D/G x/sinh(x)), for the rotation and the translation; the equation has x -> 0."""
+    count, diffusion, z = MANY // 2, 2.0, jnp.zeros((MANY // 2, 3))
+    bath = Langevin(KT, FRICTION, keys(count), FRICTION) + ml.baths.Recoil(diffusion, keys(count, 2), diffusion)
+    body, start = ml.FreeBody(ml.RigidBody(np.ones(3)), 1.0), ml.FreeState(z, at_rest(count).attitude, z, z)
+    states = ensemble("JACOBI[BAOAB]", body, None, start, dt=x / FRICTION, steps=int(8 / x), bath=bath).states
+    for momentum in (states.momentum, states.linear):
+        close_to_one(momentum**2 / (KT + diffusion / FRICTION * x / np.sinh(x)))
+
+
+@pytest.mark.sample(0)
+def test_two_gases_have_the_mean_temperature_weighted_with_their_frictions():
+    """g kT = g_1 kT_1 + g_2 kT_2; at x = G h/I = 0.04 the error of the sum, x^2/6, is far below the sampling error."""
+    bath = Langevin(KT, 1.0, keys(MANY)) + Langevin(5 * KT, 3.0, keys(MANY, 2))
+    sphere = body_in("float64", np.ones(3))
+    path = ensemble("JACOBI[BAOAB]", sphere, None, at_rest(MANY), dt=0.01, steps=300, bath=bath)
+    close_to_one(path.states.momentum**2 / (4 * KT))
+
+
+IN_SPACE = tensors(1, seed=8, rank=2)[0]
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("kind", ["rigid", "frame of a user", "compensated", "free", "axis", "free axis", "five"])
+def test_recoil_is_fixed_in_space(kind):
+    """The covariance of the momenta in space grows as 2 D t while bodies turn, in every kind of state."""
+    count, dt, steps = MANY, 0.1, 5
+    q, z = jnp.tile(ml.so3.exp(jnp.array([0.4, -0.9, 0.5])), (count, 1)), jnp.zeros((count, 3))
+    up, rigid, rotor = ml.so3.rotate(q, z.at[:, 2].set(1)), ml.RigidBody(MOMENTS), ml.SymmetricRotor(2.0, 0.9)
+    few = [x.reshape(-1, 4, x.shape[-1]) for x in (z, q, z, z)]
+    body, start = {
+        "rigid": (rigid, ml.RigidState(z, q)),
+        "frame of a user": (ml.TensorBody(tensors(1)[0] + 3 * np.eye(3)), ml.RigidState(z, q)),
+        "compensated": (rigid, ml.CompensatedState(z, q)),
+        "free": (ml.FreeBody(rigid, 3.0), ml.FreeState(z, q, z, z)),
+        "axis": (rotor, ml.AxisState(z, up)),
+        "free axis": (ml.FreeBody(rotor, 3.0), ml.FreeAxisState(z, up, z, z)),
+        "five": (ml.FreeBody(rigid, 3.0), ml.CoupledState(*few)),
+    }[kind]
+    linear = IN_SPACE[::-1, ::-1] if hasattr(start, "linear") else None
+    bath = ml.baths.Recoil(IN_SPACE, keys(len(start.momentum)), linear)
+    path = ensemble(method_for(kind), body, None, start, dt=dt, steps=steps, bath=bath)
+    assert bool(path.ok.all())
+    momentum = path.states.momentum
+    found = [(IN_SPACE, momentum if "axis" in kind else ml.so3.rotate(path.states.attitude, momentum))]
+    if linear is not None:
+        found.append((linear, path.states.linear))
+    for diffusion, momentum in found:
+        momentum, wanted = np.asarray(momentum).reshape(-1, 3), 2 * diffusion * dt * steps
+        error = np.sqrt((np.outer(np.diag(wanted), np.diag(wanted)) + wanted**2) / count)
+        assert np.all(np.abs(momentum.T @ momentum / count - wanted) < 3.5 * error)
+
+
+def test_recoil_does_not_spin_a_linear_molecule():
+    bath, up = ml.baths.Recoil(IN_SPACE, jax.random.key(0)), np.array([0.0, 0.6, 0.8])
+    start = ml.AxisState(np.zeros(3), up)
+    path = ml.integrate("SYMMETRIC[BAOAB]", ml.SymmetricRotor(2.0, 0.0), None, start, dt=0.2, steps=50, bath=bath)
+    assert np.abs(np.sum(np.asarray(path.states.momentum * path.states.axis), -1)).max() < 1e-14
+    assert np.abs(path.states.momentum[-1]).max() > 0.1
+
+
 def without(scheme):
     """A scheme without its stages of the bath, its flights as they are."""
     stages = tuple(stage for stage in scheme.stages if stage[0] != BATH)
@@ -570,6 +659,27 @@ def messages():
         "no stage": (go("JACOBI[EA]"), "must have a stage for the bath"),
         "no stage of a Runge-Kutta method": (go("RK4"), "must have a stage for the bath"),
         "no bath": (go(bath=None, torque=ml.torques.HeavyTop(1.0)), "but bath is None; pass bath="),
+        "sum of what is none": (lambda: bath + 1.0, "a sum must be of baths of bodies"),
+        "spins": (lambda: bath + ml.spins.ThermalField(KT, key), "a sum must be of baths of bodies"),
+        "friction of a state": (lambda: Langevin(KT, lambda t, s: 1.0, key), r"friction must be a function of \(t\)"),
+        "shape of a function": (
+            go(bath=Langevin(KT, lambda t: jnp.ones(2), key)),
+            "friction of one run must be of shape",
+        ),
+        "diffusion": (lambda: ml.baths.Recoil([1.0, -1.0, 0.0], key), "diffusion must not be negative"),
+        "recoil without an attitude": (
+            go(bath=ml.baths.Recoil([1.0, 1.0, 0.0], key), start=ml.MomentumState(start.momentum)),
+            "diffusion must be a number for a MomentumState",
+        ),
+        "recoil travels": (
+            go(body=free, start=moving, bath=ml.baths.Recoil(1.0, key)),
+            "give Recoil the linear_diffusion",
+        ),
+        "a part travels": (go(body=free, start=moving, bath=bath + bath), "give Langevin the linear_friction"),
+        "one key of a part for many": (
+            lambda: ml.ensemble("JACOBI[BAOAB]", body, None, several, bath=Langevin(KT, 1.0, keys(3)) + bath, **run),
+            "bath.key must have one key for each of 3 bodies, got one key",
+        ),
         "back in time": (go(dt=-0.1), "dt must be positive in a heat bath"),
         "several keys": (go(bath=Langevin(KT, 1.0, keys(3))), "has one key, got"),
         "one key for many": (
@@ -659,6 +769,7 @@ def test_a_bath_is_no_torque(monkeypatch):
     run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), start=start, dt=0.1, steps=4)
     for call, message in (
         (lambda: run(None, bath=KT), "bath must be a midlie_jax.baths.Langevin or None, got float"),
+        (lambda: run(None, bath=[bath, bath]), r"got list; add baths with a \+ b"),
         (lambda: run(bath), "callable.*got Langevin. Pass a heat bath as bath="),
         (lambda: ml.torques.HeavyTop(1.0) + bath, r"got a Langevin; pass bath=Langevin\(...\) to the run"),
     ):
@@ -714,10 +825,15 @@ def test_python_numbers_run_in_float32():
 
 
 def test_a_failure_is_a_flag():
-    """A temperature that becomes negative, and a step backwards that only the program knows."""
+    """A temperature or a friction that becomes negative, and a step backwards that only the program knows."""
     start, key = jax.tree.map(lambda x: x[0], at_rest(1)), jax.random.key(0)
     run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), None, start, steps=4)
     assert not run(dt=0.1, bath=Langevin(lambda t: 1 - 10 * t, 1.0, key)).ok
+    for bath in (
+        Langevin(KT, lambda t: (1 - 10 * t) * jnp.diag(jnp.array([1.0, 0.0, 1.0])), key),
+        ml.baths.Recoil(lambda t: (1 - 10 * t) * jnp.array([1.0, 0.0, 1.0]), key),
+    ):
+        assert not run(dt=0.1, bath=bath).ok
     back = jax.jit(lambda dt: run(dt=dt, bath=Langevin(KT, 1.0, key)).ok)
     assert back(0.1)
     assert not back(-0.1)

@@ -297,6 +297,7 @@ ANCHORS = [
     "state free, JACOBI[SRKN14a]",
     "state five axes, SYMMETRIC[EA]",
     "bath two, OBABO",
+    "bath sum, BAOAB",
     "bath spins, ABOBA",
     "state compensated, JACOBI[EA]",
     "torque GravityGradient, table",
@@ -465,6 +466,7 @@ SMOOTH = [
     "state compensated, JACOBI[EA]",
     *("state two, JACOBI[SRKN6b]", "state five, JACOBI[SRKN6b]", "state two free axes, SYMMETRIC[EA]"),
     *("state free axis, SYMMETRIC[SRKN6b]", "state free tensor, JACOBI[EA]", "state axis, SYMMETRIC[SRKN6b]"),
+    *("bath friction(t), BAOAB", "bath tensor(t), BAOAB", "bath sum, BAOAB", "bath recoil, axis, OBABO"),
 ]
 
 
@@ -484,7 +486,7 @@ def difference(name: str) -> float:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(("name", "way"), [*zip(SMOOTH, WAYS * 2, strict=False), *product(SMOOTH[:3], WAYS[1:])])
+@pytest.mark.parametrize(("name", "way"), [*zip(SMOOTH, WAYS * 3, strict=False), *product(SMOOTH[:3], WAYS[1:])])
 def test_derivatives_agree(name, way):
     """Reverse and forward, with each adjoint, and differences; and the value is that without a derivative."""
     how, adjoint = way

@@ -255,11 +255,12 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         t0.ndim == 1,
     )
     _, bath = without_bath(torque)
-    if bath is not None and isinstance(torque_axes, str) and torque_axes == AUTO and not rows[1].bath.key:
+    if bath is not None and isinstance(torque_axes, str) and torque_axes == AUTO and not all(rows[1].bath.keys):
         _check_bath_of_one(bath, body, start, own_body, count)
-        same = ", which would all get the same noise" if bath.key.shape == () else ""
+        shape = next((key.shape for key in bath.keys if key.shape != (count,)), (count,))
+        same = ", which would all get the same noise" if shape == () else ""
         raise ValueError(
-            f"bath.key must have one key for each of {count} bodies, got {bath.key.shape or 'one key'}{same}; pass "
+            f"bath.key must have one key for each of {count} bodies, got {shape or 'one key'}{same}; pass "
             f"jax.random.split(key, {count}), or name the parameters with rows in torque_axes to share the noise."
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
@@ -268,7 +269,7 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
 
 def _check_bath_of_one(bath: HeatBath, body: Any, start: Any, own_body: bool, count: int) -> None:
     """Raises the error of a bath that has a key per body but cannot be read as one bath per body."""
-    if bath.key.shape == (count,):
+    if all(key.shape == (count,) for key in bath.keys):
         one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)
         one.check_on(jax.tree.map(lambda x: x[0], start), jax.tree.map(lambda x: x[0], body) if own_body else body)
 

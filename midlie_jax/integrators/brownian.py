@@ -27,10 +27,11 @@ from .._checks.arguments import shown
 from .._math import components as cp
 from .._math.components import is_traced
 from .._math.short_series import WIDEST_SQUARE, cosine_and_sinc_of_square, half_turn
+from ..model.baths.base import words_of
 from ..model.baths.langevin import Langevin
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body, RigidBody, TensorBody
-from ..model.exposure import in_principal_axes, product, rows
+from ..model.exposure import PreparedBath, in_principal_axes, product, rows
 from ..model.free_body import Place
 from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
@@ -134,7 +135,7 @@ class Brownian(Method):
         _, bath = without_bath(torque)
         for name in ("friction", "linear_friction"):
             friction = getattr(bath, name, None)
-            if friction is None or is_traced(friction):
+            if callable(friction) or friction is None or is_traced(friction):
                 continue
             numbers = np.asarray(friction)
             least = np.linalg.eigvalsh(numbers) if numbers.shape[-2:] == (3, 3) else numbers
@@ -146,14 +147,19 @@ class Brownian(Method):
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
         torque, bath = without_bath(torque)
-        assert isinstance(bath, Langevin)
+        if not isinstance(bath, Langevin):
+            raise ValueError(
+                f"bath must be one midlie_jax.baths.Langevin for {self.name}, got a {type(bath).__name__}; for other "
+                "noise use JACOBI[BAOAB]."
+            )
         bath.check_on(start, body)
         system = System.of(body, torque, start, t)
         if system.reads_momentum:
             raise ValueError(f"torque must not read the momentum under {self.name}, where a body has none.")
-        frictions = [x.astype(h.dtype) for x in (bath.friction, bath.linear_friction) if x is not None]
-        made = [Mobility.of(friction, body.frame_of_user()) for friction in frictions]
-        return system._replace(bath=bath.for_run(start, made, bath.root))
+        mobilities = eqx.Partial(_mobilities, bath, body)
+        varies = callable(bath.friction) or callable(bath.linear_friction)
+        made = mobilities if varies else mobilities(t)
+        return system._replace(bath=PreparedBath.of(words_of(bath.key), made, bath.root, start))
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
@@ -166,15 +172,20 @@ class Brownian(Method):
         return motion, None, of_all(verdict(True, (jnp.maximum(first, last), _LARGEST), (turn, WIDEST_SQUARE)))
 
 
+def _mobilities(bath: Langevin, body: Body, t: Array) -> list[Mobility]:
+    frictions = [friction for friction in bath.frictions(body, t) if friction is not None]
+    return [Mobility.of(friction, body.frame_of_user()) for friction in frictions]
+
+
 def _diffused(system: System, t: Array, h: Array, motion: AnyMotion, half: int) -> tuple[AnyMotion, Array]:
     """The motion after half of the diffusion in a step of h, and the largest h kT tr M."""
-    assert system.bath is not None
+    assert isinstance(system.bath, PreparedBath)
     assert system.bath.root is not None
     s = h / 2 * system.bath.root(t) ** 2
     moved, sizes = [], []
     for own, one in system.members(motion):
-        assert own.bath is not None
-        turning, *travel = own.bath.exposures
+        assert isinstance(own.bath, PreparedBath)
+        turning, *travel = own.bath.at(t)
         rotating, rotation = own.rotating(one)
         like = one.momentum.linear if travel else rotation.momentum
         orientation: Any = rotation.pose
@@ -201,8 +212,8 @@ def _driven(
     force, moved, sizes = system.force(t, at), [], []
     forces = [force] if len(system.members(motion)) == 1 else force
     for (own, one), (_, there), pull in zip(system.members(motion), system.members(at), forces, strict=True):
-        assert own.bath is not None
-        turning, *travel = own.bath.exposures
+        assert isinstance(own.bath, PreparedBath)
+        turning, *travel = own.bath.at(t)
         rotating, rotation = own.rotating(one)
         _, rotation_there = own.rotating(there)
         turn = cp.scale(time, product(turning.inverse, pull.angular if travel else pull))

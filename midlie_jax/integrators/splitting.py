@@ -11,7 +11,7 @@ from .._math import components as cp
 from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept
 from .._xla.platform import on_cpu
-from ..model.baths.langevin import Langevin
+from ..model.baths.base import BathOfBodies
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.kind import Kind
@@ -102,7 +102,7 @@ class Splitting(Method):
         if not self.random:
             return super().system(body, torque, start, t, h)
         rest, bath = without_bath(torque)
-        assert isinstance(bath, Langevin)
+        assert isinstance(bath, BathOfBodies)
         bath.check_on(start, body)
         coefficients = {b for kind, b in self.scheme.stages if kind == BATH}
         prepared = bath.prepared(body, coefficients, t, h, start)

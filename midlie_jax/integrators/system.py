@@ -13,7 +13,7 @@ from .._xla import budgets
 from .._xla.fusion import fuse_derivative, split
 from .._xla.replay import Traits, traits
 from ..model.bodies import Body
-from ..model.exposure import PreparedBath
+from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
 from ..model.kind import Kind
 from ..model.state import AnyState, P, Q
@@ -61,7 +61,7 @@ class System(NamedTuple):
     costly: bool
     long: bool
     frame: Any = None
-    bath: PreparedBath | None = None
+    bath: PreparedBath | PreparedSum | None = None
     by_step: bool = False
 
     @classmethod
@@ -119,7 +119,7 @@ class System(NamedTuple):
 
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, which determines the random numbers of a bath."""
-        return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))
+        return self if self.bath is None else self._replace(bath=self.bath.at_step(n))
 
     def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
         """The system in the step from t0 to t1 of length h, with the values of the `ByStep` parts of the torque."""
@@ -136,10 +136,12 @@ class System(NamedTuple):
     def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
         """The motion after bath stage number `stage` of the step, with coefficient b, at the time t."""
         assert self.bath is not None
-        root = None if self.bath.root is None else self.bath.root(t)
-        noise = self.bath.noise(stage, motion.momentum)
-        change = self.kind.bathed(self.bath.exposures[b], root, motion.momentum, motion.pose, noise)
-        return self.pushed(motion, change)
+        for bath, own, index in self.bath.sequence(b, stage):
+            root = None if bath.root is None else bath.root(t)
+            noise = bath.noise(index, motion.momentum)
+            change = self.kind.bathed(bath.at(t)[own], root, motion.momentum, motion.pose, noise)
+            motion = self.pushed(motion, change)
+        return motion
 
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.

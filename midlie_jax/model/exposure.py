@@ -22,6 +22,7 @@ from .bodies import Body
 from .free_body import FreeBody, Momenta
 from .rotor import SymmetricRotor
 
+ROUNDED = 1e-5  # largest magnitude of a negative eigenvalue of a tensor due to rounding, relative to its largest one
 _SHORT = 1e-3  # below, (1 - exp(-x))/x uses the first terms of its series
 
 
@@ -29,7 +30,7 @@ class Exposure(NamedTuple):
     """The effect of a bath on one vector in a given time: a change by -lost vector + spread noise.
 
     Attributes:
-        lost: 1 - exp(-G I^-1 h): three numbers of a diagonal matrix, or three rows.
+        lost: 1 - exp(-G I^-1 h): three numbers of a diagonal matrix, or three rows; None without friction.
         spread: the matrix S in the same form, for kT = 1 unless it includes the temperature.
     """
 
@@ -40,7 +41,7 @@ class Exposure(NamedTuple):
         """The change of the vector; `root` is the factor sqrt(kT) of the spread, or None."""
         pushed = product(self.spread, noise)
         pushed = pushed if root is None else cp.scale(root, pushed)
-        return cp.subtract(pushed, product(self.lost, vector))
+        return pushed if self.lost is None else cp.subtract(pushed, product(self.lost, vector))
 
 
 class InBody(NamedTuple):
@@ -49,14 +50,27 @@ class InBody(NamedTuple):
     own: Exposure
 
 
+class InSpace(NamedTuple):
+    """The effect of noise in the space frame on a body.
+
+    Attributes:
+        own: an `Exposure` without friction, in the space frame.
+        thin: whether the moment about the axis of symmetry is zero; there is then no noise about this axis.
+    """
+
+    own: Exposure
+    thin: Array | bool
+
+
 class PreparedBath(NamedTuple):
     """The heat bath of a run, prepared for its steps.
 
     Attributes:
         root: the function of time sqrt(kT), or None if the exposures include the temperature.
         key: two or four words, uint32, of the random key.
-        exposures: the effect of the bath: for a scheme by the coefficient of the stage, in the form of the momentum; or
-            whatever a method makes of the frictions. Arrays may have an axis (N,) of coupled bodies.
+        exposures: the effect of the bath, or a function of time that returns it: for a scheme by the coefficient of the
+            stage, in the form of the momentum; or whatever a method makes of the frictions. Arrays may have an axis
+            (N,) of coupled bodies.
         member: the index of the body among coupled bodies: all indices (N,), or one.
         step: the index of the step, or None outside a step.
     """
@@ -67,9 +81,26 @@ class PreparedBath(NamedTuple):
     member: Any
     step: Array | None = None
 
+    @classmethod
+    def of(cls, key: tuple[Array, ...], exposures: Any, root: Any, start: Any) -> "PreparedBath":
+        count = start.momentum.shape[-2] if start.several else 0
+        return cls(root, key, exposures, jnp.arange(count, dtype=jnp.int32) if count else 0)
+
+    def at_step(self, n: Array) -> "PreparedBath":
+        return self._replace(step=n)
+
     def of_member(self, i: int) -> "PreparedBath":
-        exposures = jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, self.exposures)
-        return self._replace(exposures=exposures, member=i)
+        return self._replace(member=i)
+
+    def at(self, t: Array) -> Any:
+        """The exposures at a time, of this member if it is one of several."""
+        found = self.exposures(t) if callable(self.exposures) else self.exposures
+        i = self.member
+        return jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, found) if isinstance(i, int) else found
+
+    def sequence(self, b: float, stage: int) -> "list[tuple[PreparedBath, float, int]]":
+        """The parts of a bath stage with the coefficient b: bath, coefficient, and the index of its noise."""
+        return [(self, b, stage)]
 
     def noise(self, stage: int, like: Any) -> Any:
         """Standard normal numbers in the form of a momentum, for a stage of the bath in this step, counted from 0."""
@@ -77,6 +108,23 @@ class PreparedBath(NamedTuple):
         leaves, structure = jax.tree.flatten(like)
         drawn = normals(self.key, (self.step, stage, self.member), len(leaves), leaves[0].dtype)
         return structure.unflatten(drawn)
+
+
+class PreparedSum(NamedTuple):
+    """Several baths, prepared. A stage is a palindrome: halves of each but the last, around the whole last one."""
+
+    parts: tuple[PreparedBath, ...]
+
+    def at_step(self, n: Array) -> "PreparedSum":
+        return PreparedSum(tuple(part.at_step(n) for part in self.parts))
+
+    def of_member(self, i: int) -> "PreparedSum":
+        return PreparedSum(tuple(part.of_member(i) for part in self.parts))
+
+    def sequence(self, b: float, stage: int) -> list[tuple[PreparedBath, float, int]]:
+        *outer, last = self.parts
+        order = [*((part, b / 2) for part in outer), (last, b), *((part, b / 2) for part in outer[::-1])]
+        return [(part, own, len(order) * stage + i) for i, (part, own) in enumerate(order)]
 
 
 def root_of(square: Array) -> Array:
@@ -106,6 +154,30 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
     return Momenta(angular, linear if linear_friction.ndim == 0 else InBody(linear))
 
 
+def kicks(body: Body, diffusion: Array, linear_diffusion: Array | None, time: Array) -> Any:
+    """The effect of noise with a diffusion of momentum in the space frame, in the form of the momentum.
+
+    Noise that is equal in all directions is the same in the body frame.
+    """
+    turning: Any = body.turning
+    angular: Any = _kick(diffusion, time)
+    if isinstance(turning, SymmetricRotor):
+        angular = InSpace(angular, turning.known_along == 0)
+    elif diffusion.ndim:
+        angular = InSpace(angular, False)
+    if not isinstance(body, FreeBody):
+        return angular
+    assert linear_diffusion is not None
+    return Momenta(angular, _kick(linear_diffusion, time))
+
+
+def _kick(diffusion: Array, time: Array) -> Exposure:
+    if diffusion.shape[-2:] == (3, 3):
+        return Exposure(None, rows(symmetric_root(2 * time * diffusion)))
+    each = cp.vector(diffusion) if diffusion.ndim else (diffusion,) * 3
+    return Exposure(None, tuple(root_of(2 * time * d) for d in each))
+
+
 def _moments_of(rotor: SymmetricRotor) -> cp.Vector:
     return rotor.moment, rotor.moment, rotor.known_along
 
@@ -122,7 +194,7 @@ def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Ex
     """The exposure of a vector with these moments, or with the mass three times."""
     if friction.shape[-2:] == (3, 3):
         lost, spread = _of_tensor(friction, cp.pack(moments), time)
-        spread = spread if root is None else jnp.asarray(root)[..., None, None] * spread
+        spread = spread if root is None else root * spread
         return Exposure(rows(lost), rows(spread))
     each = cp.vector(friction) if friction.ndim else (friction,) * 3
     pairs = [_of_number(g, moment, time) for g, moment in zip(each, moments, strict=True)]
@@ -140,7 +212,8 @@ def _of_number(friction: Array, moment: Array, time: Array) -> tuple[Array, Arra
 def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Array]:
     """(lost, spread) of a tensor, as matrices, from the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2."""
     roots = jnp.sqrt(moments)
-    scaled = friction / (roots[..., :, None] * roots[..., None, :])
+    masses = roots[..., :, None] * roots[..., None, :]
+    scaled = jnp.broadcast_to(friction, jnp.broadcast_shapes(friction.shape, masses.shape)) / masses
     lost, spread = _functions(scaled, time)
     return roots[..., :, None] * lost / roots[..., None, :], roots[..., :, None] * spread
 
@@ -174,9 +247,26 @@ def _functions_jvp(primals: Any, tangents: Any) -> Any:
     return (_from_values(vectors, lost), _from_values(vectors, spread)), tangent
 
 
+@jax.custom_jvp
+def symmetric_root(matrix: Array) -> Array:
+    """The symmetric square root of symmetric matrices, (..., 3, 3), with no negative eigenvalue."""
+    values, vectors = _eigen(matrix)
+    return _from_values(vectors, root_of(values))
+
+
+@symmetric_root.defjvp
+def _symmetric_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    values, vectors = _eigen(primals[0])
+    roots, turned = root_of(values), jnp.swapaxes(vectors, -1, -2)
+    slope = _over(turned @ tangents[0] @ vectors, roots[..., :, None] + roots[..., None, :])
+    return _from_values(vectors, roots), vectors @ slope @ turned
+
+
 def _eigen(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues and eigenvectors of symmetric matrices; NaN for a negative eigenvalue that is not due to rounding."""
     values, vectors = jnp.linalg.eigh(matrix)
-    return jnp.maximum(values, 0), vectors  # rounding may make an eigenvalue of zero negative
+    least = -ROUNDED * jnp.max(jnp.abs(values), axis=-1, keepdims=True)
+    return jnp.where(values < least, jnp.nan, jnp.maximum(values, 0)), vectors
 
 
 def _of_values(values: Array, time: Array) -> tuple[Array, Array]:

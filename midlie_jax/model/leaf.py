@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
+from .exposure import InSpace
 
 Described = tuple[tuple[str, ...], dict[str, str]]
 
@@ -211,7 +212,8 @@ class BodyLeaf(Leaf):
 
     @classmethod
     def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
-        del pose
+        if isinstance(exposure, InSpace):
+            return cls.to_body(cls, pose, exposure.own.change(root, momentum, noise))
         return exposure.change(root, momentum, noise)
 
     @staticmethod

@@ -10,14 +10,14 @@ from jax import Array
 
 from .._math import components as cp
 from .._math.normals import normals
-from ..model.baths.base import HeatBath
+from ..model.baths.base import Warm, words_of
 from ..model.exposure import root_of
 from ..model.state import AnyState
 from .body import Spins
 from .turns import turned
 
 
-class ThermalField(HeatBath):
+class ThermalField(Warm):
     """The heat bath of damped spins: a random field whose strength follows from temperature and damping.
 
     The argument `bath` of a run, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
@@ -62,7 +62,7 @@ class ThermalField(HeatBath):
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
         numbered, _ = kind.parts(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
         member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
-        return BathOfSpins(self.root, self.words, (body.damping * body.rate).astype(start.spin.dtype), member)
+        return BathOfSpins(self.root, words_of(self.key), (body.damping * body.rate).astype(start.spin.dtype), member)
 
 
 def _is_vector(tree: Any) -> bool:
@@ -85,6 +85,9 @@ class BathOfSpins(NamedTuple):
     mobility: Array
     member: Any
     step: Array | None = None
+
+    def at_step(self, n: Array) -> "BathOfSpins":
+        return self._replace(step=n)
 
     def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
         """The spins after the time h at the time t, in stage `stage` of the step.

@@ -1,8 +1,10 @@
 """Heat baths: friction and thermal noise, the argument `bath` of a run whose method has a bath stage.
 
-`base` has what every bath needs, a temperature and a random key, and the checks that a run makes. `langevin` is the
-bath of bodies. Another bath, for example one with noise in the space frame, is another class here. The bath of spins
-is `midlie_jax.spins.ThermalField`.
+A bath is a friction, a noise, or both, and baths add. `Langevin` has both, in the frame of the body. `Recoil` is noise
+alone, in the space frame. `base` has what every bath needs, random keys and the checks that a run makes. The bath of
+spins is `midlie_jax.spins.ThermalField`.
 """
 
 from .langevin import Langevin as Langevin
+from .recoil import Recoil as Recoil
+from .sum import Sum as Sum

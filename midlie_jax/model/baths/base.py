@@ -1,6 +1,7 @@
-"""`HeatBath`: the temperature and the random key of a bath, and the checks that a run makes."""
+"""`HeatBath`, with the random keys and checks of a bath; `Warm`, with a temperature; and `BathOfBodies`."""
 
 from abc import abstractmethod
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -10,44 +11,19 @@ import numpy as np
 from jax import Array
 
 from ..._checks.arguments import as_floats, described, is_key, require
-from ..exposure import PreparedBath, root_of
+from ..bodies import Body
+from ..exposure import root_of
 
 
 class HeatBath(eqx.Module):
-    """Base class of heat baths.
-
-    Attributes:
-        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
-        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
-    """
+    """Base class of heat baths. A bath has a random `key`, or several."""
 
     methods: ClassVar[str]
-    kT: Any
-    key: Array
-
-    def __init__(self, kT: Any, key: Any):
-        self.kT, self.key = _as_temperature(kT), _as_key(key)
 
     @property
-    def words(self) -> tuple[Array, ...]:
-        """The words of the random key, uint32.
-
-        The barrier hides a constant key from XLA, which would fold the noise at compile time, with different rounding.
-        """
-        words = jax.lax.optimization_barrier(jax.random.key_data(self.key))
-        return tuple(words[i] for i in range(words.shape[-1]))
-
-    def root(self, t: Array) -> Array:
-        """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
-        temperature: Any = self.kT(t) if callable(self.kT) else self.kT
-        if jnp.shape(temperature):
-            raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
-        return root_of(jnp.asarray(temperature).astype(t.dtype))
-
-    def for_run(self, start: Any, exposures: Any, root: Any) -> PreparedBath:
-        """The bath of a run; `root` is sqrt(kT) as a function of time, or None if the exposures include it."""
-        count = start.momentum.shape[-2] if start.several else 0
-        return PreparedBath(root, self.words, exposures, jnp.arange(count, dtype=jnp.int32) if count else 0)
+    def keys(self) -> tuple[Any, ...]:
+        """The random keys, or what a tree of this form has in their place."""
+        return (getattr(self, "key"),)  # noqa: B009 - a field of each class but `Sum`
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""
@@ -60,12 +36,70 @@ class HeatBath(eqx.Module):
     def check_on(self, state: Any, body: Any) -> None:
         """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
         self.check_kind(state, body)
+        for key in self.keys:
+            if key.shape:
+                raise ValueError(
+                    f"a bath of one run has one key, got {key.shape} of them; several are for midlie_jax.ensemble."
+                )
+
+
+class Warm(HeatBath):
+    """A bath with a temperature.
+
+    Attributes:
+        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
+        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
+    """
+
+    kT: Any
+    key: Array
+
+    def __init__(self, kT: Any, key: Any):
+        self.kT, self.key = _as_temperature(kT), as_key(key)
+
+    def root(self, t: Array) -> Array:
+        """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
+        temperature: Any = self.kT(t) if callable(self.kT) else self.kT
+        if jnp.shape(temperature):
+            raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
+        return root_of(jnp.asarray(temperature).astype(t.dtype))
+
+    def check_on(self, state: Any, body: Any) -> None:
+        self.check_kind(state, body)
         if not callable(self.kT) and self.kT.shape:
             raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
-        if self.key.shape:
-            raise ValueError(
-                f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
-            )
+        super().check_on(state, body)
+
+
+class BathOfBodies(HeatBath):
+    """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`."""
+
+    methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
+
+    @abstractmethod
+    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
+        """The bath prepared for the steps of a run, a `PreparedBath` or a `PreparedSum`.
+
+        Args:
+            body: the body of the run.
+            coefficients: of the bath stages.
+            t, h: a time of the run and its step, ().
+            start: the initial state.
+        """
+
+    def __add__(self, other: Any) -> "BathOfBodies":
+        from .sum import Sum  # which needs this class
+
+        return Sum(self, other)
+
+
+def words_of(key: Array) -> tuple[Array, ...]:
+    """The words of a random key, uint32.
+
+    The barrier hides a constant key from XLA, which would fold the noise at compile time, with different rounding.
+    """
+    words = jax.lax.optimization_barrier(jax.random.key_data(key))
+    return tuple(words[i] for i in range(words.shape[-1]))
 
 
 def _as_temperature(kT: Any) -> Any:
@@ -76,7 +110,7 @@ def _as_temperature(kT: Any) -> Any:
     return kT
 
 
-def _as_key(key: Any) -> Array:
+def as_key(key: Any) -> Array:
     if not is_key(key):
         raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
     return key

@@ -1,24 +1,25 @@
 """`Langevin`: friction and thermal noise of a heat bath on rigid bodies."""
 
-from typing import Any, ClassVar
+from collections.abc import Iterable
+from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require, require_finite, shown
+from ..._checks.arguments import shown
 from ..._math.components import is_traced
-from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
+from ..bodies import Body, RigidBody, TensorBody
 from ..exposure import PreparedBath, exposures
 from ..rotor import SymmetricRotor
 from ..state import AnyState
 from ..torques.reads_body import knows_axis_alone
-from .base import HeatBath
+from .base import BathOfBodies, Warm, words_of
+from .coefficient import as_coefficient, at, check_shape, check_travel, shape_of
 
-_ROUNDED = 1e-5  # largest magnitude of a negative eigenvalue of a tensor due to rounding, relative to its largest entry
 
-
-class Langevin(HeatBath):
+class Langevin(Warm, BathOfBodies):
     """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame; likewise for p if the body translates.
 
     The argument `bath` of a run, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
@@ -48,7 +49,8 @@ class Langevin(HeatBath):
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
         friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
             `RigidBody` or `SymmetricRotor`, or a symmetric tensor (3, 3) in the frame of the body. For coupled bodies,
-            numbers and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor.
+            numbers and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor. Or a
+            function of time t that returns one of these.
         key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
         linear_friction: g, force per velocity, likewise; for a body that translates, 0 for none. Three numbers or a
             tensor rotate with the body. None for a body that does not translate.
@@ -66,91 +68,70 @@ class Langevin(HeatBath):
         ((11, 3), True)
     """
 
-    methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
-    friction: Float[Array, "..."]
-    linear_friction: Float[Array, "..."] | None
+    friction: Any
+    linear_friction: Any
 
     def __init__(self, kT: Any, friction: Any, key: Any, linear_friction: Any = None):
         super().__init__(kT, key)
-        self.friction = _friction("friction", friction)
-        self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
+        self.friction = as_coefficient("friction", friction)
+        self.linear_friction = None if linear_friction is None else as_coefficient("linear_friction", linear_friction)
 
-    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
-        """The bath prepared for the steps of a run.
-
-        Args:
-            body: the body of the run.
-            coefficients: of the bath stages.
-            t, h: a time of the run and its step, ().
-            start: the initial state.
-        """
-        principal, frame, friction = body.in_principal_axes(), body.frame_of_user(), self.friction.astype(h.dtype)
-        linear = None if self.linear_friction is None else self.linear_friction.astype(h.dtype)
+    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
+        times = {b: b * h for b in sorted(coefficients)}
+        words = words_of(self.key)
+        if callable(self.friction) or callable(self.linear_friction):
+            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
         root = self.root if callable(self.kT) else None
-        own = None if root is not None else self.root(t)
-        made = {b: exposures(principal, frame, friction, linear, b * h, own) for b in sorted(coefficients)}
-        return self.for_run(start, made, root)
+        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
+
+    def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
+        """The exposures of stages that take these times, by coefficient; with the temperature at t if `with_root`."""
+        principal, frame = body.in_principal_axes(), body.frame_of_user()
+        friction, linear = self.frictions(body, t)
+        root = self.root(t) if with_root else None
+        return {b: exposures(principal, frame, friction, linear, time, root) for b, time in times.items()}
+
+    def frictions(self, body: Body, t: Array) -> tuple[Array, Array | None]:
+        """The frictions at a time; NaN for those of a function that are not symmetric about the axis of a rotor."""
+
+        def one(value: Any) -> Any:
+            numbers = at(value, t)
+            if not callable(value) or not isinstance(body.turning, SymmetricRotor) or not numbers.ndim:
+                return numbers
+            return jnp.where(numbers[..., :1] == numbers[..., 1:2], numbers, jnp.nan)
+
+        return one(self.friction), None if self.linear_friction is None else one(self.linear_friction)
 
     def check(self, state: AnyState) -> None:
         for name in ("friction", "linear_friction") if knows_axis_alone(state) else ():
             friction = getattr(self, name)
-            if friction is None or is_traced(friction) or friction.shape[-1:] != (3,) or friction.shape[-2:] == (3, 3):
+            if callable(friction) or friction is None or is_traced(friction):
+                continue
+            if friction.shape[-1:] != (3,) or friction.shape[-2:] == (3, 3):
                 continue
             numbers = np.asarray(friction)
             if np.any(numbers[..., 0] != numbers[..., 1]):
                 raise _not_symmetric(name, friction, state)
 
     def check_kind(self, state: AnyState, body: Any) -> None:
-        kind = type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
+            kind = type(state).__name__
             raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
-        if (state.kind.rotation is None) != (self.linear_friction is None):
-            raise ValueError(
-                f"a {kind} translates: give Langevin the linear_friction, or 0 for none."
-                if state.kind.rotation is not None
-                else f"a {kind} does not translate: leave out linear_friction."
-            )
+        check_travel("Langevin", "linear_friction", self.linear_friction, state)
         if isinstance(body.turning, SymmetricRotor):
             body.turning.known_along  # noqa: B018 - raises if it is unknown
 
     def check_on(self, state: AnyState, body: Any) -> None:
         super().check_on(state, body)
-        count = state.momentum.shape[-2] if state.several else None
         for name in ("friction", "linear_friction"):
             friction = getattr(self, name)
             if friction is not None:
-                _check_one(name, friction, state, count, body)
+                _check_one(name, friction, shape_of(friction, state.momentum.dtype), state, body)
 
 
-def _friction(name: str, value: Any) -> Array:
-    friction = as_floats(name, value)
-    require_finite(name, friction)
-    if friction.shape[-2:] != (3, 3) or is_traced(friction):
-        require(name, friction, lambda g: g >= 0, "must not be negative", "check its sign.")
-        return friction
-    tensor = np.asarray(friction, np.float64)
-    largest = np.abs(tensor).max(initial=0.0)
-    if not is_symmetric(tensor):
-        raise ValueError(
-            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; or, "
-            f"{read_as_tensor(name)}."
-        )
-    least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
-    if least < -_ROUNDED * largest:
-        raise ValueError(
-            f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
-            f"signs; or, {read_as_tensor(name)}."
-        )
-    return friction
-
-
-def _check_one(name: str, friction: Array, state: AnyState, count: int | None, body: Body) -> None:
-    shape, tensor = friction.shape, friction.shape[-2:] == (3, 3)
-    leading = shape[:-2] if tensor else shape[:-1]
-    if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
-        wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
-        raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
-    turning: Any = body.turning
+def _check_one(name: str, friction: Any, shape: tuple[int, ...], state: AnyState, body: Body) -> None:
+    check_shape(name, shape, state)
+    turning, tensor = body.turning, shape[-2:] == (3, 3)
     if shape and not tensor and not isinstance(turning, RigidBody | SymmetricRotor):
         raise ValueError(
             f"{name} must be a number or a tensor (3, 3) for a {type(turning).__name__}, got three numbers. Give the "
@@ -160,8 +141,8 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
         raise _not_symmetric(name, friction, state)
 
 
-def _not_symmetric(name: str, friction: Array, state: AnyState) -> ValueError:
-    got = f"shape {friction.shape}" if is_traced(friction) else shown(friction)
+def _not_symmetric(name: str, friction: Any, state: AnyState) -> ValueError:
+    got = "a tensor" if callable(friction) else f"shape {friction.shape}" if is_traced(friction) else shown(friction)
     return ValueError(
         f"{name} on a {type(state).__name__} must be a number, or three numbers with the first "
         f"two equal, got {got}; use a state with an attitude for another friction."

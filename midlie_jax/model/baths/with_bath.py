@@ -44,7 +44,8 @@ def with_bath(torque: Any, bath: Any) -> Any:
     if bath is None:
         return torque
     if not isinstance(bath, HeatBath):
-        raise ValueError(f"bath must be a midlie_jax.baths.Langevin or None, got {described(bath)}.")
+        cure = "; add baths with a + b" if isinstance(bath, list | tuple) else ""
+        raise ValueError(f"bath must be a midlie_jax.baths.Langevin or None, got {described(bath)}{cure}.")
     return WithBath(torque, bath)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from .. import so3
+from ..exposure import InSpace
 from ..kind import Leaves
 from ..leaf import Described, needs_attitude
 from ..rotor import SymmetricRotor
@@ -67,7 +68,11 @@ class Axis(UnitVector):
 
     @classmethod
     def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: cp.Vector, noise: cp.Vector) -> cp.Vector:
-        return cls.bathed_in_space(exposure, root, momentum, pose, noise)
+        if not isinstance(exposure, InSpace):
+            return cls.bathed_in_space(exposure, root, momentum, pose, noise)
+        pushed = exposure.own.change(root, momentum, noise)
+        along = jnp.where(exposure.thin, cp.dot(pose, pushed), jnp.zeros_like(pushed[0]))
+        return cp.subtract(pushed, cp.scale(along, pose))
 
     @classmethod
     def bathed_in_space(

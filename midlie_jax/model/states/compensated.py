@@ -56,6 +56,10 @@ class Compensated(Rotation):
         momentum, low = cp.compensated(momentum, pose.low_momentum, change)
         return momentum, pose._replace(low_momentum=low)
 
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
+        return super().bathed(exposure, root, momentum, pose.attitude, noise)
+
     @staticmethod
     def act(pose: Any, increment: cp.Quaternion, no_step: Array | None = None) -> Any:
         if no_step is not None:
