@@ -256,7 +256,7 @@ def chained(t, state):
 
 @pytest.mark.sample(0)
 def test_a_chain_of_colloids_follows_a_rotating_field_as_with_little_inertia():
-    """Against BAOAB with momenta that relax in 0.01: mean and spread of the lags of dipoles and chain, and the length."""
+    """Against BAOAB with momenta that relax in 0.01: lags of dipoles and chain, and its length."""
     count, time, small = 500, 1.5, 0.005
     body = ml.FreeBody(ml.SymmetricRotor(small, small), 2 * small)
     zero, x = jnp.zeros((count, 3, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0]), (count, 3, 1))
