@@ -92,7 +92,7 @@ class Langevin(Warm, BathOfBodies):
         return {b: exposures(principal, frame, friction, linear, time, root) for b, time in times.items()}
 
     def frictions(self, body: Body, t: Array) -> tuple[Array, Array | None]:
-        """The frictions at a time; NaN for those of a function that are not symmetric about the axis of a rotor."""
+        """The frictions at a time; NaN if a function returns one that is not symmetric about the axis of a rotor."""
 
         def one(value: Any) -> Any:
             numbers = at(value, t)
