@@ -236,7 +236,7 @@ def _functions_jvp(primals: Any, tangents: Any) -> Any:
     (matrix, time), (d_matrix, d_time) = primals, tangents
     values, vectors = _eigen(matrix)
     lost, spread = _of_values(values, time)
-    change = jnp.swapaxes(vectors, -1, -2) @ d_matrix @ vectors
+    change = jnp.swapaxes(vectors, -1, -2) @ _symmetric(d_matrix) @ vectors
     a, b = values[..., :, None], values[..., None, :]
     slopes, squares = _divided(a, b, time), 2 * _divided(2 * a, 2 * b, time)
     own = jnp.eye(3, dtype=values.dtype)
@@ -258,8 +258,13 @@ def symmetric_root(matrix: Array) -> Array:
 def _symmetric_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     values, vectors = _eigen(primals[0])
     roots, turned = root_of(values), jnp.swapaxes(vectors, -1, -2)
-    slope = _over(turned @ tangents[0] @ vectors, roots[..., :, None] + roots[..., None, :])
+    slope = _over(turned @ _symmetric(tangents[0]) @ vectors, roots[..., :, None] + roots[..., None, :])
     return _from_values(vectors, roots), vectors @ slope @ turned
+
+
+def _symmetric(matrix: Array) -> Array:
+    """The symmetric part, on which alone the eigenvectors of JAX depend."""
+    return (matrix + jnp.swapaxes(matrix, -1, -2)) / 2
 
 
 def _eigen(matrix: Array) -> tuple[Array, Array]:
