@@ -29,7 +29,7 @@ import conftest  # noqa: F401  (float64)
 import jax
 import jax.numpy as jnp
 import numpy as np
-import zarr
+import zarr.storage
 
 import midlie_jax as ml
 from midlie_jax.simulation import pipeline

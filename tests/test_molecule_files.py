@@ -71,7 +71,8 @@ def test_a_start_comes_from_a_file(name, written, options, digits, tmp_path):
     assert np.abs(way - np.round(way)).max() * BOX < 2 * digits
     if name.endswith(("xyz", "data")):
         np.testing.assert_allclose(found.start.linear, start.linear, atol=1e-3)
-        spin = [np.asarray(ml.so3.rotate(s.attitude, s.momentum)) for s in (found.start, start)]
+        both: Any = found.start, start
+        spin = [np.asarray(ml.so3.rotate(s.attitude, s.momentum)) for s in both]
         np.testing.assert_allclose(*spin, atol=1e-4)
 
 
@@ -95,7 +96,8 @@ def test_linear_molecules_have_an_axis(tmp_path):
     momentum, linear = np.cross(axis, rng.normal(size=(2, 3))), rng.normal(size=(2, 3))
     start = ml.CoupledFreeAxisState(momentum, axis, linear, position=[[0.3, 0.2, 0.1], [0.7, 0.2, 0.9]])
     places = np.asarray(ml.molecules.sites(start, points))
-    moment = float(body.body.moment)
+    rotor: Any = body.body
+    moment = float(rotor.moment)
     spin, arms = momentum / moment, places - np.asarray(start.position)[:, None]
     velocities = linear[:, None] / float(body.mass) + np.cross(spin[:, None], arms)
     atoms = ase.Atoms("OCOOCO", 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True)

@@ -34,6 +34,7 @@ from .neighbours import Neighbours
 from .points import sites, wrench_on_sites
 
 _COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
+filter_jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 Term = Callable[[Array], tuple[Array, Array]]
 
 
@@ -189,7 +190,7 @@ class PairForces(Torque):
                 factor = factor + per_sixth * per_square * (12 * twelve * per_sixth - 6 * six)
             if own is not None:
                 r = c * square * inverse
-                value, slope = jax.jvp(lambda r: own(p, q, r), (r,), (c * jnp.ones_like(r),))
+                value, slope = jax.jvp(partial(own, p, q), (r,), (jnp.full_like(r, c),))
                 energy, factor = energy + value, factor - slope * inverse
             return energy, factor
 
@@ -201,8 +202,9 @@ class PairForces(Torque):
         return shifted
 
 
-@partial(eqx.filter_jit, inline=True)  # traced once for all forces of a step
-def _sums(forces: PairForces, places: Array, single: bool, with_energy: bool) -> tuple[list[list[Array]], list[Array]]:
+def _summed(
+    forces: PairForces, places: Array, single: bool, with_energy: bool
+) -> tuple[list[list[Array]], list[Array]]:
     neighbours: Any = forces.neighbours
     reach = neighbours.reach_now(places, forces.cutoff)
     edge, ratios = forces.box[0], tuple(length / forces.box[0] for length in forces.box)
@@ -240,6 +242,9 @@ def _sums(forces: PairForces, places: Array, single: bool, with_energy: bool) ->
     pairs = neighbours.slots.reshape(-1, 2, len(molecules)), neighbours.nearest[::2]
     on_sites, totals = jax.lax.scan(add_two, start, pairs)[0]
     return [[(edge / forces.cutoff) ** 2 * x for x in force] for force in on_sites], totals
+
+
+_sums = filter_jit(_summed, inline=True)  # traced once for all forces of a step
 
 
 def _of_points(name: str, values: Any, count: int) -> tuple[float, ...]:
