@@ -61,8 +61,8 @@ class PairForces(Torque):
         neighbours: the list, or None.
 
     Raises:
-        ValueError: a number of charges, sigmas or epsilons is not that of the points, the box is shorter than twice the
-            cut-off, or, when called, there is no list.
+        ValueError: a number of charges, sigmas or epsilons differs from the number of points, the box is
+            shorter than twice the cut-off, or, when called, there is no list.
 
     Examples:
         >>> argon = ml.molecules.PairForces([[0.0, 0.0, 0.0]], box=3.0, cutoff=1.0, sigmas=[0.34], epsilons=[0.996])

@@ -52,8 +52,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     Args:
         file: in any format of ase, with positions in the units that ase assumes.
         atoms: of a molecule, at least 2.
-        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Required for LAMMPS data
-            without a section Masses, where they also determine the elements.
+        masses: of the atoms of a molecule, (atoms,), amu; by default the masses of their elements. Required for
+            LAMMPS data without a section Masses, where they also determine the elements.
         options: for `ase.io.read`, such as format="lammps-data", units="real".
 
     Returns:
