@@ -149,7 +149,10 @@ def test_the_first_sentences_of_the_report_hold():
     """The fastest method is faster than both programs everywhere; symplectic methods are not, in two scenes."""
     rows = [row for scene in benchmark("harness").by_scene("work-precision").values() for row in scene]
     assert len(rows) == 70
-    assert all(float(row[f"general / {program}"]) < 1 for row in rows for program in ("heyoka", "diffrax"))
+    ratios = [row[f"general / {program}"] for row in rows for program in ("heyoka", "diffrax")]
+    reached = [ratio for ratio in ratios if ratio != "-"]  # diffrax does not reach the smallest errors of all tops
+    assert len(reached) >= 134
+    assert all(float(ratio) < 1 for ratio in reached)
     slower = {row["scene"] for row in rows if float(row["symplectic / heyoka"]) > 1}
     assert slower == {"asymmetric-top", "orbit"}
 
