@@ -178,11 +178,11 @@ sys.path.insert(0, str(Path.cwd().parent / "benchmarks"))
 from laboratory.molecules import water
 
 box, edge = water.box()
-bodies, forces, run = water.molecules(216), water.forces(edge), {"dt": 0.002, "steps": 125, "save_every": 5}
-began = time.perf_counter()
-movie = ml.molecules.integrate("JACOBI[EA]", bodies, forces, box, **run)
+bodies, forces, began = water.molecules(216), water.forces(edge), time.perf_counter()
+seen = {"state": lambda t, state: state, "energy": ml.observe.energy}
+path = ml.molecules.integrate("JACOBI[EA]", bodies, forces, box, dt=0.002, steps=125, save_every=5, observe=seen)
 print(f"125 steps of 216 molecules with compilation: {time.perf_counter() - began:.0f} s")
-energy = ml.molecules.integrate("JACOBI[EA]", bodies, forces, box, **run, observe=ml.observe.energy).states
+movie, energy = path._replace(states=path.states["state"]), path.states["energy"]
 print(f"energy {energy[-1]:.1f} kJ/mol, standard deviation {np.std(energy):.2f}")
 Image(
     ml.plot.animate(

@@ -1,4 +1,4 @@
-"""`HeatBath`, with the random keys and checks of a bath; `Warm`, with a temperature; `BathOfBodies`, and their `Sum`."""
+"""`HeatBath`, with the keys and checks of a bath; `Warm`, with a temperature; `BathOfBodies`, and their `Sum`."""
 
 from abc import abstractmethod
 from collections.abc import Iterable
