@@ -14,6 +14,7 @@ from ..model.states import CoupledFreeAxisState, CoupledState
 from .points import from_points
 
 _NM_PER_ANGSTROM = 0.1
+_ROUNDED = 0.002  # the largest distance in nm from a line that is rounding; GRO files have three digits after the point
 _RIGID = 0.01  # the largest difference in nm between the atoms of a molecule and of the first
 
 
@@ -46,8 +47,8 @@ class Molecules(NamedTuple):
 def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options: Any) -> Molecules:
     """Reads molecules of `atoms` consecutive atoms each.
 
-    All molecules have the shape of the first. A molecule that crosses the border of a periodic box is joined at its
-    first atom. Only the rigid part of the velocities is used.
+    All molecules have the shape of the first, which is linear if its atoms are on a line to 0.002 nm. A molecule that
+    crosses the border of a periodic box is joined at its first atom. Only the rigid part of the velocities is used.
 
     Args:
         file: in any format of ase, with positions in the units that ase assumes.
@@ -96,7 +97,7 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     places = np.asarray(found.get_positions()).reshape(-1, size, 3) * _NM_PER_ANGSTROM
     velocities = np.asarray(found.get_velocities()).reshape(-1, size, 3) * (1000 * units.fs * _NM_PER_ANGSTROM)
     places = places[:, :1] + _nearest(places - places[:, :1], box)
-    body, points = from_points(weights, places[0])
+    body, points = from_points(weights, _straight(places[0]))
     start = _start(weights, np.asarray(points), places, velocities, linear=isinstance(body.body, SymmetricRotor))
     return Molecules(body, points, start, box, symbols[:size])
 
@@ -125,6 +126,14 @@ def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Vectors between nearest images."""
     edges = np.where(box > 0, box, 1)
     return way - np.where(box > 0, edges * np.round(way / edges), 0)
+
+
+def _straight(places: np.ndarray) -> np.ndarray:
+    """The atoms put on a line, if they are on one up to the rounding of a file."""
+    middle = places.mean(axis=0)
+    along = np.linalg.svd(places - middle)[2][0]
+    line = middle + np.outer((places - middle) @ along, along)
+    return line if np.abs(places - line).max() < _ROUNDED else places
 
 
 def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray, linear: bool) -> Any:
