@@ -155,6 +155,29 @@ def test_a_custom_energy_gives_the_forces_of_the_same_energy_built_in():
     np.testing.assert_allclose(energy, expected_energy, rtol=1e-12)
 
 
+def at_distance(r, dtype=jnp.float64):
+    still = jnp.zeros((2, 3), dtype)
+    upright = jnp.tile(jnp.array([1.0, 0, 0, 0], dtype), (2, 1))
+    return ml.CoupledState(still, upright, still, still.at[1, 0].set(r))
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("damping", [0.0, 1.0, 2.4, 2.9, 3.5, 4.4, 6.0, 10.0])
+def test_the_damped_force_is_exact_for_every_damping(damping, single):
+    torque = ml.molecules.PairForces(
+        [[0.0, 0.0, 0.0]], box=2.0, cutoff=1.0, charges=[1.0], coulomb=1.0, damping=damping, single=single
+    )
+    forces = torque.listed(at_distance(0.2), skin=2.0)
+    found = jax.jit(jax.vmap(lambda r: forces(0.0, at_distance(r)).force[1, 0]))(r := jnp.linspace(0.2, 0.99, 80))
+
+    def pull(r):
+        return erfc(damping * r) / r**2 + 2 * damping / sqrt(pi) * exp(-((damping * r) ** 2)) / r
+
+    expected = np.array([pull(float(x)) for x in r]) - pull(1.0)
+    np.testing.assert_allclose(found, expected, atol=3e-4 if single else 1e-7)
+
+
 def nitrogen(count=64, edge=2.2, seed=0):
     """Linear molecules of two sites on a lattice in a box, hot enough to move far in a short run."""
     rng, number = np.random.default_rng(seed), round(count ** (1 / 3))

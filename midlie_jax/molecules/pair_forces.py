@@ -9,12 +9,13 @@ Gezelter, J. Chem. Phys. 124 (2006) 234104, and a shifted Lennard-Jones force (`
 LAMMPS). A function for other energies is shifted in the same way.
 
 One loop over all molecules for each slot of the list makes it fast on a CPU. The loop has no square root, division,
-`erfc` or `exp`, only polynomials. Each pair is computed twice, which avoids writes to another molecule.
+`erfc` or `exp`, only polynomials, unless the damping is strong. Each pair is computed twice, which avoids writes to
+another molecule.
 """
 
 from collections.abc import Callable
 from functools import partial
-from math import erf, sqrt
+from math import erf, pi, sqrt
 from typing import Any
 
 import equinox as eqx
@@ -34,6 +35,8 @@ from .neighbours import Neighbours
 from .points import sites, wrench_on_sites
 
 _COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
+# Beyond these products of damping and cut-off a polynomial for erf loses too many digits.
+_SCREENED, _SCREENED_SINGLE = 4.5, 3.0
 filter_jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 Term = Callable[[Array], tuple[Array, Array]]
 
@@ -54,7 +57,8 @@ class PairForces(Torque):
         charges: of the sites, a numbers; by default zero.
         sigmas, epsilons: Lennard-Jones diameter and depth of the sites, a numbers each, combined by the rule of Lorentz
             and Berthelot; by default zero.
-        damping: a of the Coulomb force, 1/length. Zero leaves the Coulomb force shifted only.
+        damping: a of the Coulomb force, 1/length. Zero leaves the Coulomb force shifted only. The force is slower if
+            a c is above 4.5, or 3 if `single`.
         coulomb: 1/(4 pi epsilon_0).
         energy: None, or another energy of sites p and q, a function of (p, q, r) with arrays r of distances.
         single: whether the terms of pairs are computed in float32, which takes half the time; the energy never is.
@@ -155,13 +159,13 @@ class PairForces(Torque):
             )
         return _sums(self, sites(state, self.points), single, with_energy)
 
-    def terms(self, degree: int) -> dict[tuple[int, int], Term]:
+    def terms(self, single: bool) -> dict[tuple[int, int], Term]:
         """The terms of the pairs of sites that act on each other."""
         indices = range(len(self.charges))
-        terms = {(p, q): self._term(p, q, degree) for p in indices for q in indices}
+        terms = {(p, q): self._term(p, q, single) for p in indices for q in indices}
         return {pair: term for pair, term in terms.items() if term is not None}
 
-    def _term(self, p: int, q: int, degree: int) -> Term | None:
+    def _term(self, p: int, q: int, single: bool) -> Term | None:
         """For a pair of sites, V and -V'(x)/x as a function of x^2, with x = r/c; None if both are zero."""
         c, a, own = self.cutoff, self.damping * self.cutoff, self.energy
         charge = self.coulomb * self.charges[p] * self.charges[q] / c
@@ -173,7 +177,11 @@ class PairForces(Torque):
         if charge == 0 and six == 0 and own is None:
             return None
         # erf(a x)/x is a polynomial in x^2, in whose powers V and -V'/x are sums over k of m_k x^(2k).
-        erf_over_x = charge * _fitted(lambda u: a * erf(a * sqrt(u)) / (a * sqrt(u)), degree) if a else np.zeros(2)
+        fitted = a <= (_SCREENED_SINGLE if single else _SCREENED)
+        degree = round(8 + 4 * max(0, a - 1.8) if single else 14 + 7 * max(0, a - 2.4))
+        erf_over_x = np.zeros(3)
+        if a and fitted:
+            erf_over_x = charge * _fitted(lambda u: a * erf(a * sqrt(u)) / (a * sqrt(u)), degree)
         energies = tuple(erf_over_x.tolist())
         slopes = tuple((2 * np.arange(1, len(erf_over_x)) * erf_over_x[1:]).tolist())
 
@@ -181,7 +189,11 @@ class PairForces(Torque):
             """Without the terms that are zero at the cut-off by subtraction."""
             per_square = inverse * inverse
             energy = factor = 0 * square
-            if charge:
+            if charge and not fitted:
+                screened = inverse * jax.lax.erfc(a * square * inverse)
+                energy = charge * screened
+                factor = charge * per_square * (screened + 2 * a / sqrt(pi) * jnp.exp(-a * a * square))
+            elif charge:
                 energy = charge * inverse - cp.polynomial(energies, square)
                 factor = charge * inverse * per_square + cp.polynomial(slopes, square)
             if six:
@@ -213,7 +225,7 @@ def _summed(
         scaled = scaled - jnp.round(scaled)
         scaled = (2.0**32 * jnp.minimum(scaled, 0.5 - 2.0**-24)).astype(jnp.int32)
     dtype, molecules = jnp.float32 if single else places.dtype, jnp.arange(places.shape[0], dtype=jnp.int32)
-    terms = forces.terms(8 if single else 14)
+    terms = forces.terms(single)
 
     @jax.checkpoint  # a reverse derivative computes a slot again instead of keeping its numbers
     def add(sums: Any, slot: Array) -> Any:
