@@ -178,6 +178,34 @@ def test_the_damped_force_is_exact_for_every_damping(damping, single):
     np.testing.assert_allclose(found, expected, atol=3e-4 if single else 1e-7)
 
 
+@pytest.mark.sample(0)
+def test_forces_in_float32_have_the_derivatives_of_those_in_float64():
+    def slope(single):
+        torque = listed(single=single)
+        return jax.jit(
+            jax.grad(lambda y: torque(0.0, moved(jnp.zeros_like(START.position).at[0, 0].set(y))).force[0, 0])
+        )
+
+    exact = slope(False)(0.0)
+    np.testing.assert_allclose(slope(True)(0.0), exact, rtol=1e-3)
+    assert abs(exact) > 1
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_a_custom_energy_may_have_numbers_of_another_dtype(single):
+    apart = at_distance(0.4, jnp.float32)
+    torque = ml.molecules.PairForces(
+        jnp.zeros((1, 3), jnp.float32),
+        box=3.0,
+        cutoff=1.0,
+        energy=lambda p, q, r: (2 / r).astype(jnp.float64),
+        single=single,
+    )
+    found = torque.listed(apart)(0.0, apart).force
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found[1, 0], 2 / 0.4**2 - 2, rtol=1e-5)
+
+
 def nitrogen(count=64, edge=2.2, seed=0):
     """Linear molecules of two sites on a lattice in a box, hot enough to move far in a short run."""
     rng, number = np.random.default_rng(seed), round(count ** (1 / 3))

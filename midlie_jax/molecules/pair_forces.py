@@ -14,7 +14,6 @@ another molecule.
 """
 
 from collections.abc import Callable
-from functools import partial
 from math import erf, pi, sqrt
 from typing import Any
 
@@ -202,7 +201,9 @@ class PairForces(Torque):
                 factor = factor + per_sixth * per_square * (12 * twelve * per_sixth - 6 * six)
             if own is not None:
                 r = c * square * inverse
-                value, slope = jax.jvp(partial(own, p, q), (r,), (jnp.full_like(r, c),))
+                value, slope = jax.jvp(
+                    lambda r: jnp.asarray(own(p, q, r)).astype(r.dtype), (r,), (jnp.full_like(r, c),)
+                )
                 energy, factor = energy + value, factor - slope * inverse
             return energy, factor
 
@@ -221,19 +222,24 @@ def _summed(
     reach = neighbours.reach_now(places, forces.cutoff)
     edge, ratios = forces.box[0], tuple(length / forces.box[0] for length in forces.box)
     scaled = jnp.moveaxis(places / np.asarray(forces.box, places.dtype)[None, None, :], 0, -1)  # (a, 3, N)
-    if single:  # as whole numbers, whose differences wrap around as the box does
-        scaled = scaled - jnp.round(scaled)
-        scaled = (2.0**32 * jnp.minimum(scaled, 0.5 - 2.0**-24)).astype(jnp.int32)
+    whole: Any = None
+    if single:  # whole numbers, whose differences wrap around as the box does
+        whole = scaled - jnp.round(scaled)
+        whole = (2.0**32 * jnp.minimum(whole, 0.5 - 2.0**-24)).astype(jnp.int32)
     dtype, molecules = jnp.float32 if single else places.dtype, jnp.arange(places.shape[0], dtype=jnp.int32)
     terms = forces.terms(single)
 
     @jax.checkpoint  # a reverse derivative computes a slot again instead of keeping its numbers
     def add(sums: Any, slot: Array) -> Any:
         (on_sites, totals), there, other = sums, scaled[:, :, slot], slot != molecules
+        there_whole = whole[:, :, slot] if single else None
         on_sites = [list(force) for force in on_sites]
         for (p, q), term in terms.items():
-            way = [scaled[p, x] - there[q, x] for x in range(3)]
-            way = [x.astype(dtype) * 2.0**-32 if single else x - jnp.round(x) for x in way]
+            if single:
+                way = [_apart(whole[p, x], there_whole[q, x], scaled[p, x], there[q, x]) for x in range(3)]
+            else:
+                way = [scaled[p, x] - there[q, x] for x in range(3)]
+                way = [x - jnp.round(x) for x in way]
             way = [x if ratio == 1 else ratio * x for x, ratio in zip(way, ratios, strict=True)]
             square = (edge / forces.cutoff) ** 2 * (way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
             # At the cut-off force and energy are zero, and so they are for all pairs that are set there.
@@ -275,6 +281,18 @@ def _fitted(function: Callable[[float], float], degree: int) -> np.ndarray:
     """The coefficients, lowest first, of a polynomial on [0, 1]: exact at the zeros of a Chebyshev polynomial."""
     fit = np.polynomial.Chebyshev.interpolate(np.vectorize(function), degree, domain=[0, 1])
     return fit.convert(kind=np.polynomial.Polynomial).coef
+
+
+@jax.custom_jvp
+def _apart(whole: Array, other_whole: Array, place: Array, other: Array) -> Array:
+    """The difference of places from whole numbers, whose derivative would be zero; in float32."""
+    del place, other
+    return (whole - other_whole).astype(jnp.float32) * 2.0**-32
+
+
+@_apart.defjvp
+def _apart_jvp(primals: Any, tangents: Any) -> Any:
+    return _apart(*primals), (tangents[2] - tangents[3]).astype(jnp.float32)
 
 
 @jax.custom_jvp
