@@ -279,6 +279,15 @@ def test_a_run_that_fails_says_why_and_repeats_its_last_values():
         ml.molecules.integrate("SYMMETRIC[EA]", body, ml.torques.Magnus(0.1), start, dt=0.1, steps=2)
     with pytest.raises(ValueError, match=r"must not be traced.*forces\.listed"):
         jax.jit(lambda s: ml.molecules.integrate("SYMMETRIC[EA]", body, forces, s, dt=0.1, steps=2))(start)
+    with pytest.raises(ValueError, match=r"must not be traced.*forces\.listed"):
+        jax.jit(lambda h: ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, dt=h, steps=2))(0.1)
+    with pytest.raises(ValueError, match=r"skin must be positive, got 0"):
+        ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, dt=0.1, steps=2, skin=0.0)
+    two = jax.tree.map(lambda x: jnp.stack([x, x]), start)
+    with pytest.raises(ValueError, match=r"one box, .* with \(2, 64, 3\)"):
+        ml.molecules.integrate("SYMMETRIC[EA]", body, forces, two, dt=0.1, steps=2)
+    with pytest.raises(ValueError, match=r"Leave out OnEach"):
+        ml.molecules.integrate("SYMMETRIC[EA]", body, ml.torques.OnEach(forces), start, dt=0.1, steps=2)
 
 
 def test_pair_forces_that_cannot_be():
@@ -286,6 +295,10 @@ def test_pair_forces_that_cannot_be():
         ml.molecules.PairForces(POINTS, box=[EDGE, 1.7, EDGE], cutoff=CUTOFF)
     with pytest.raises(ValueError, match="charges must be 2 numbers, one for each point, got 3"):
         ml.molecules.PairForces(POINTS, box=EDGE, cutoff=CUTOFF, charges=water.CHARGES)
+    with pytest.raises(ValueError, match="charges must be 2 numbers, one for each point, got 1"):
+        forces_in(charges=1.0)
+    with pytest.raises(ValueError, match="epsilons must be finite and"):
+        forces_in(epsilons=[0.5, -0.1])
     with pytest.raises(ValueError, match=r"list of neighbours.*forces\.listed\(start\)"):
         forces_in()(0.0, START)
     with pytest.raises(ValueError, match=r"PairForces alone for the pressure"):

@@ -90,7 +90,8 @@ def integrate(
             steps slower.
 
     Returns:
-        The path. After a failure the last values are repeated; `path.first_bad` is the index of the first of them.
+        The path. After a failure the last values are repeated; `path.first_bad` is the index of the first of them. A
+        gain of energy is not a failure here; observe the energy.
 
     Raises:
         ValueError: as for `midlie_jax.integrate`, or `torque` contains no `PairForces`.
@@ -105,10 +106,10 @@ def integrate(
         >>> bool(path.ok), path.states.position.shape
         (True, (11, 2, 3))
     """
-    if is_traced(start, torque):
+    if is_traced(body, torque, start, dt, t0, bath):
         raise ValueError(
-            "start and torque must not be traced: lists are built between compiled runs. Use midlie_jax.integrate with "
-            "forces.listed(start)."
+            "body, torque, start, dt, t0 and bath must not be traced: lists are built between compiled runs. Use "
+            "midlie_jax.integrate with forces.listed(start)."
         )
     steps, observe = as_count("steps", steps), as_observe_of_one(observe)
     every = as_saving(save_every, steps) or steps
@@ -147,7 +148,8 @@ def integrate(
         if end.ok:
             end = advance(end.carry, end.state)
             value = seen(end.time, end.state)
-        values, times, ok = [*values, value], [*times, end.time], [*ok, bool(end.ok)]
+        for saved, new in ((values, value), (times, end.time), (ok, bool(end.ok))):
+            saved.append(new)
     stacked, good = jax.tree.map(lambda *x: jnp.stack(x), *values), np.asarray(ok)
     if isinstance(observe, Series):
         stacked = observe.of_bodies(jax.tree.map(lambda x: x[None], stacked), jnp.asarray(good)[None], first.dt * every)
@@ -187,6 +189,8 @@ class _Lists:
         self._torque, self._skin, self._slots = torque, skin, 0
         if not _pair_forces(torque):
             raise ValueError(f"torque must contain PairForces, got {shown(torque)}. Use midlie_jax.integrate instead.")
+        if not skin > 0:
+            raise ValueError(f"skin must be positive, got {skin:g}. A site must move by less than half of it per step.")
         self.renew(state, _FIRST)
 
     def renew(self, state: Any, left: int) -> None:

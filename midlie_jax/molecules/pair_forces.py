@@ -127,6 +127,7 @@ class PairForces(Torque):
         Returns:
             These forces with another list.
         """
+        _check(state)
         near = Neighbours.of(sites(state, self.points), self.box, self.cutoff + skin, slots)
         return eqx.tree_at(lambda f: f.neighbours, self, near, is_leaf=lambda x: x is None)
 
@@ -151,6 +152,7 @@ class PairForces(Torque):
 
     def _sums(self, state: Any, single: bool, with_energy: bool) -> tuple[list[list[Array]], list[Array]]:
         """The force on each site times the first edge by component, and energy and virial of each molecule; (N,)."""
+        _check(state)
         if self.neighbours is None:
             raise ValueError(
                 "torque must have a list of neighbours, got PairForces without one. Use "
@@ -262,14 +264,24 @@ def _summed(
     return [[(edge / forces.cutoff) ** 2 * x for x in force] for force in on_sites], totals
 
 
+def _check(state: Any) -> None:
+    if not state.several or state.momentum.ndim != 2:
+        raise ValueError(
+            f"state must be of the molecules of one box, with momenta (N, 3), got a {type(state).__name__} with "
+            f"{state.momentum.shape}. Leave out OnEach; list each box alone."
+        )
+
+
 _sums = filter_jit(_summed, inline=True)  # traced once for all forces of a step
 
 
 def _of_points(name: str, values: Any, count: int) -> tuple[float, ...]:
-    found = tuple(float(value) for value in (np.zeros(count) if values is None else values))
-    if len(found) != count:
-        raise ValueError(f"{name} must be {count} numbers, one for each point, got {len(found)}.")
-    return found
+    found = np.atleast_1d(np.zeros(count) if values is None else np.asarray(values, float))
+    if found.shape != (count,):
+        raise ValueError(f"{name} must be {count} numbers, one for each point, got {found.size}.")
+    if not np.all(np.isfinite(found)) or (name != "charges" and np.any(found < 0)):
+        raise ValueError(f"{name} must be finite and, unless charges, not negative, got {found}. Check the signs.")
+    return tuple(found.tolist())
 
 
 def _on_sites(forces: list[list[Array]]) -> Array:
