@@ -148,8 +148,9 @@ def integrate(
         if end.ok:
             end = advance(end.carry, end.state)
             value = seen(end.time, end.state)
-        for saved, new in ((values, value), (times, end.time), (ok, bool(end.ok))):
-            saved.append(new)
+        values.append(value)
+        times.append(end.time)
+        ok.append(bool(end.ok))
     stacked, good = jax.tree.map(lambda *x: jnp.stack(x), *values), np.asarray(ok)
     if isinstance(observe, Series):
         stacked = observe.of_bodies(jax.tree.map(lambda x: x[None], stacked), jnp.asarray(good)[None], first.dt * every)

@@ -156,7 +156,7 @@ class PairForces(Torque):
         if self.neighbours is None:
             raise ValueError(
                 "torque must have a list of neighbours, got PairForces without one. Use "
-                "midlie_jax.molecules.integrate, or forces.listed(start)."
+                "midlie_jax.molecules.integrate, with observe=, or forces.listed(start)."
             )
         return _sums(self, sites(state, self.points), single, with_energy)
 
@@ -168,7 +168,8 @@ class PairForces(Torque):
 
     def _term(self, p: int, q: int, single: bool) -> Term | None:
         """For a pair of sites, V and -V'(x)/x as a function of x^2, with x = r/c; None if both are zero."""
-        c, a, own = self.cutoff, self.damping * self.cutoff, self.energy
+        own: Any = self.energy
+        c, a = self.cutoff, self.damping * self.cutoff
         charge = self.coulomb * self.charges[p] * self.charges[q] / c
         sixth, epsilon = (
             ((self.sigmas[p] + self.sigmas[q]) / 2 / c) ** 6,
@@ -234,7 +235,7 @@ def _summed(
     @jax.checkpoint  # a reverse derivative computes a slot again instead of keeping its numbers
     def add(sums: Any, slot: Array) -> Any:
         (on_sites, totals), there, other = sums, scaled[:, :, slot], slot != molecules
-        there_whole = whole[:, :, slot] if single else None
+        there_whole: Any = whole[:, :, slot] if single else None
         on_sites = [list(force) for force in on_sites]
         for (p, q), term in terms.items():
             if single:
