@@ -659,6 +659,7 @@ def messages():
         "no stage": (go("JACOBI[EA]"), "must have a stage for the bath"),
         "no stage of a Runge-Kutta method": (go("RK4"), "must have a stage for the bath"),
         "no bath": (go(bath=None, torque=ml.torques.HeavyTop(1.0)), "but bath is None; pass bath="),
+        "sum of none": (lambda: ml.baths.Sum(), "a sum must have at least one bath"),
         "sum of what is none": (lambda: bath + 1.0, "a sum must be of baths of bodies"),
         "spins": (lambda: bath + ml.spins.ThermalField(KT, key), "a sum must be of baths of bodies"),
         "friction of a state": (lambda: Langevin(KT, lambda t, s: 1.0, key), r"friction must be a function of \(t\)"),

@@ -119,6 +119,8 @@ class Sum(BathOfBodies):
     parts: tuple[BathOfBodies, ...]
 
     def __init__(self, *parts: Any):
+        if not parts:
+            raise ValueError("a sum must have at least one bath, got none; pass bath=None for a run without a bath.")
         for part in parts:
             if not isinstance(part, BathOfBodies):
                 raise ValueError(f"a sum must be of baths of bodies, such as Langevin, got {described(part)}.")
