@@ -826,12 +826,13 @@ def test_python_numbers_run_in_float32():
 
 
 def test_a_failure_is_a_flag():
-    """A temperature or a friction that becomes negative, and a step backwards that only the program knows."""
+    """A temperature or friction that becomes negative, a tensor that is not symmetric, a traced step backwards."""
     start, key = jax.tree.map(lambda x: x[0], at_rest(1)), jax.random.key(0)
     run = partial(ml.integrate, "JACOBI[BAOAB]", body_in("float64"), None, start, steps=4)
     assert not run(dt=0.1, bath=Langevin(lambda t: 1 - 10 * t, 1.0, key)).ok
     for bath in (
         Langevin(KT, lambda t: (1 - 10 * t) * jnp.diag(jnp.array([1.0, 0.0, 1.0])), key),
+        Langevin(KT, lambda t: jnp.eye(3, dtype=t.dtype).at[0, 1].set(0.5), key),
         ml.baths.Recoil(lambda t: (1 - 10 * t) * jnp.array([1.0, 0.0, 1.0]), key),
     ):
         assert not run(dt=0.1, bath=bath).ok

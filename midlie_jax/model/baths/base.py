@@ -18,14 +18,14 @@ from ..state import AnyState
 
 
 class HeatBath(eqx.Module):
-    """Base class of heat baths. A bath has a random `key`, or several."""
+    """Base class of heat baths."""
 
     methods: ClassVar[str]
 
     @property
+    @abstractmethod
     def keys(self) -> tuple[Any, ...]:
         """The random keys, or what a tree of this form has in their place."""
-        return (getattr(self, "key"),)  # noqa: B009 - a field of each class but `Sum`
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""
@@ -58,6 +58,10 @@ class Warm(HeatBath):
 
     def __init__(self, kT: Any, key: Any):
         self.kT, self.key = _as_temperature(kT), as_key(key)
+
+    @property
+    def keys(self) -> tuple[Any, ...]:
+        return (self.key,)
 
     def root(self, t: Array) -> Array:
         """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""

@@ -39,12 +39,15 @@ def as_coefficient(name: str, value: Any) -> Any:
 
 
 def at(value: Any, t: Array) -> Array:
-    """The numbers at a time, in the dtype of the time; NaN for three numbers of which one is negative."""
+    """The numbers at a time, in the dtype of the time; NaN if one is negative, or a tensor is not symmetric."""
     if not callable(value):
         return value.astype(t.dtype)
     found: Any = value(t)
     numbers = jnp.asarray(found).astype(t.dtype)
-    return numbers if numbers.shape[-2:] == (3, 3) else jnp.where(numbers < 0, jnp.nan, numbers)
+    if numbers.shape[-2:] != (3, 3):
+        return jnp.where(numbers < 0, jnp.nan, numbers)
+    off = jnp.abs(numbers - jnp.swapaxes(numbers, -1, -2))
+    return jnp.where(jnp.any(off > ROUNDED * jnp.max(jnp.abs(numbers))), jnp.nan, numbers)
 
 
 def shape_of(value: Any, dtype: Any) -> tuple[int, ...]:

@@ -53,6 +53,10 @@ class Recoil(BathOfBodies):
             None if linear_diffusion is None else as_coefficient("linear_diffusion", linear_diffusion)
         )
 
+    @property
+    def keys(self) -> tuple[Any, ...]:
+        return (self.key,)
+
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
         effects = eqx.Partial(self.effects, body.in_principal_axes(), {b: b * h for b in sorted(coefficients)})
         varies = callable(self.diffusion) or callable(self.linear_diffusion)
