@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from laboratory.molecules import water
+from path_scenes import cast
 
 import midlie_jax as ml
 
@@ -218,17 +219,27 @@ def nitrogen(count=64, edge=2.2, seed=0):
     return body, ml.molecules.PairForces(points, box=edge, cutoff=0.9, sigmas=[0.331] * 2, epsilons=[0.299] * 2), start
 
 
-def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours():
-    body, forces, start = nitrogen()
-    options = {"dt": 0.002, "steps": 160, "save_every": 40}
-    whole = ml.integrate("SYMMETRIC[EA]", body, forces.listed(start, skin=1.6), start, **options)
-    path = ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, skin=0.05, **options)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours(dtype):
+    """Also if other states are saved, and in float32 to its rounding."""
+    body, forces, start = cast(nitrogen(), dtype)
+    close = 1e-8 if dtype == "float64" else 2e-3
+    options = {"dt": 0.002, "steps": 160}
+    whole = ml.integrate("SYMMETRIC[EA]", body, forces.listed(start, skin=1.6), start, save_every=40, **options)
+    path, every, end = (
+        ml.molecules.integrate("SYMMETRIC[EA]", body, forces, start, skin=0.05, save_every=n, **options)
+        for n in (40, 1, None)
+    )
     assert bool(path.ok)
     assert bool(whole.ok)
+    assert path.states.axis.dtype == dtype
+    for states in (jax.tree.map(lambda x: x[-1], every.states), end.states):
+        for found, expected in zip(jax.tree.leaves(states), jax.tree.leaves(path.states), strict=True):
+            np.testing.assert_allclose(found, expected[-1], atol=close * float(jnp.max(jnp.abs(expected))))
     first = forces.listed(start, skin=0.05).neighbours
     assert float(first.moved(ml.molecules.sites(jax.tree.map(lambda x: x[-1], path.states), forces.points))) > 0.1
     for found, expected in zip(jax.tree.leaves(path.states), jax.tree.leaves(whole.states), strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-8 * float(jnp.max(jnp.abs(expected))))
+        np.testing.assert_allclose(found, expected, atol=close * float(jnp.max(jnp.abs(expected))))
     np.testing.assert_allclose(path.times, whole.times, rtol=1e-14)
 
 
@@ -291,6 +302,8 @@ def test_a_run_that_fails_says_why_and_repeats_its_last_values():
 
 
 def test_pair_forces_that_cannot_be():
+    with pytest.raises(ValueError, match="places must be finite"):
+        ml.molecules.Neighbours.of(np.full((3, 1, 3), np.nan), EDGE, CUTOFF)
     with pytest.raises(ValueError, match=r"box must be at least twice the cut-off.*more molecules"):
         ml.molecules.PairForces(POINTS, box=[EDGE, 1.7, EDGE], cutoff=CUTOFF)
     with pytest.raises(ValueError, match="charges must be 2 numbers, one for each point, got 3"):

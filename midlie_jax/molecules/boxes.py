@@ -14,14 +14,15 @@ from jax import Array
 from .._checks.arguments import as_count, shown
 from .._math.components import is_traced
 from .._xla.compiler import exact_jit, tuned_jit
-from ..drivers.arguments import as_saving
+from ..drivers.arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from ..drivers.observe import as_observe_of_one, observe_state
 from ..drivers.observe.observables import Observable
 from ..drivers.observe.series import Series
 from ..drivers.path import Path, end_alone
-from ..drivers.stepper import Carry, stepper
+from ..drivers.stepper import Carry, carried_on, stepper
 from ..integrators.base import Method
 from ..model.baths.base import HeatBath
+from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
@@ -36,7 +37,7 @@ _FIRST, _LONGEST = 16, 4096  # steps under the first list, and under any
 class Pressure(Observable):
     """The pressure of a box whose torque is `PairForces`, (), from momenta and virial; energy/length^3.
 
-    In kJ/mol/nm^3; times 16.6054 it is in bar. The velocities are those of the centres of mass.
+    In kJ/mol/nm^3, which is 16.6054 bar. The velocities are those of the centres of mass.
 
     Raises:
         ValueError: in a run with another torque.
@@ -94,7 +95,7 @@ def integrate(
         gain of energy is not a failure here; observe the energy.
 
     Raises:
-        ValueError: as for `midlie_jax.integrate`, or `torque` contains no `PairForces`.
+        ValueError: as for `midlie_jax.integrate`, `torque` contains no `PairForces`, or `start` is not finite.
 
     Examples:
         >>> argon = ml.molecules.PairForces([[0.0, 0.0, 0.0]], box=3.0, cutoff=1.0, sigmas=[0.34], epsilons=[0.996])
@@ -115,13 +116,16 @@ def integrate(
     every = as_saving(save_every, steps) or steps
     if isinstance(observe, Series):
         observe.check(save_every and 1 + steps // every)
-    carried = isinstance(start, Carry)
-    like: Any = start.like if carried else start
+    like, index, carried = carried_on(start, 0)
     lists = _Lists(torque, skin, like)
-    first = stepper(method, body, lists.torque, like, dt=dt, t0=t0, bath=bath)
-    carry = start if carried else _init(first, like)
-    if carried:
-        lists.renew(first.state(carry), _FIRST)
+    heated = with_bath(lists.torque, bath)
+    method = check_system(as_method(method), body, heated, like)
+    h, begin = as_argument("dt", dt, like.momentum.dtype), as_argument("t0", t0, like.momentum.dtype)
+    check_step(method, h)
+    check_times(method, heated, begin, h, as_first_step(index, steps), steps)
+    end = _advance(method, body, lists.torque, bath, like, h, begin, start if carried else None, None)
+    if carried:  # whose state may have other axes than `like`
+        lists.renew(end.state, _FIRST)
 
     def seen(t: Array, state: Any) -> Any:
         return state if observe is None else _seen(observe, t, state, body, lists.torque)
@@ -130,9 +134,7 @@ def integrate(
         left = every
         while True:
             number = min(left, lists.left)
-            then = _advance(
-                first.method, body, lists.torque, bath, like, first.dt, first.t0, carry, jnp.asarray(number)
-            )
+            then = _advance(method, body, lists.torque, bath, like, h, begin, carry, jnp.asarray(number))
             if then.ok:
                 carry, state, left = then.carry, then.state, left - number
                 lists.follow(state, number)
@@ -141,7 +143,6 @@ def integrate(
             if not then.ok:
                 lists.renew(state, number // 2)
 
-    end = _Then(carry, first.state(carry), first.time(carry), first.ok(carry), first.result(carry))
     values, times, ok = [seen(end.time, end.state)], [end.time], [bool(end.ok)]
     for _ in range(steps // every):
         value = values[-1]
@@ -153,7 +154,9 @@ def integrate(
         ok.append(bool(end.ok))
     stacked, good = jax.tree.map(lambda *x: jnp.stack(x), *values), np.asarray(ok)
     if isinstance(observe, Series):
-        stacked = observe.of_bodies(jax.tree.map(lambda x: x[None], stacked), jnp.asarray(good)[None], first.dt * every)
+        stacked = observe.of_bodies(
+            jax.tree.map(lambda x: x[None], stacked), jnp.asarray(good)[None], jnp.asarray(h * every)
+        )
     path = Path(jnp.stack(times), stacked, end.ok, jnp.asarray(good.sum(), jnp.int32), end.result, end.carry)
     return end_alone(path) if save_every is None else path
 
@@ -167,10 +170,12 @@ class _Then(NamedTuple):
 
 
 def _advance_by(
-    method: Method, body: Any, torque: Any, bath: Any, like: Any, dt: Array, t0: Array, carry: Carry, steps: Array
+    method: Method, body: Any, torque: Any, bath: Any, like: Any, dt: Array, t0: Array, carry: Any, steps: Any
 ) -> _Then:
+    """The run after some steps, or before the first; from the initial state if there is no carry."""
     one = stepper(method, body, torque, like, dt=dt, t0=t0, bath=bath)
-    carry = one.advance(carry, steps)
+    carry = one.init() if carry is None else carry
+    carry = carry if steps is None else one.advance(carry, steps)
     return _Then(carry, one.state(carry), one.time(carry), one.ok(carry), one.result(carry))
 
 
@@ -179,7 +184,6 @@ def _molecules(method: Any, body: Any, torque: Any, bath: Any, like: Any, *_: An
 
 
 _advance = tuned_jit(_advance_by, _molecules)
-_init = tuned_jit(lambda first, like: first.init(), lambda first, like: like.count)
 _seen = exact_jit(observe_state)
 
 

@@ -18,6 +18,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from .._checks.arguments import require_finite
+
 _LEVELS = 2**16 - 1  # of distances, kept in the upper half of a number with the neighbour in the lower
 _NONE = np.uint32(2**32 - 1)
 _SPARE = 1.3  # slots for each neighbour of now, so that later lists fit; empty slots are skipped
@@ -55,13 +57,14 @@ class Neighbours(eqx.Module):
             slots: the least number of slots; lists of one run should have one shape.
 
         Raises:
-            ValueError: more than 65,536 molecules.
+            ValueError: more than 65,536 molecules, or places that are not finite.
         """
         dtype = jnp.asarray(places).dtype
         places, edges = np.asarray(places, np.float64), np.broadcast_to(np.asarray(box, np.float64), (3,))
         number = len(places)
         if number > _LEVELS + 1:
             raise ValueError(f"places must hold at most {_LEVELS + 1} molecules, got {number}. Use a cell list.")
+        require_finite("places", places)
         whole = np.floor(np.mod(places / edges + 0.5, 1) * 2**32 - 2**31).astype(np.int64).astype(np.int32)
         keys = np.asarray(_keys(whole, np.asarray(edges / reach, np.float32)))
         near = keys != _NONE

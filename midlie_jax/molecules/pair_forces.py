@@ -36,7 +36,7 @@ from .points import sites, wrench_on_sites
 _COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
 # Beyond these products of damping and cut-off a polynomial for erf loses too many digits.
 _SCREENED, _SCREENED_SINGLE = 4.5, 3.0
-filter_jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
+_filter_jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 Term = Callable[[Array], tuple[Array, Array]]
 
 
@@ -60,7 +60,7 @@ class PairForces(Torque):
             a c is above 4.5, or 3 if `single`.
         coulomb: 1/(4 pi epsilon_0).
         energy: None, or another energy of sites p and q, a function of (p, q, r) with arrays r of distances.
-        single: whether the terms of pairs are computed in float32, which takes half the time; the energy never is.
+        single: whether the terms of pairs are computed in float32, in about two thirds of the time. The energy is not.
         neighbours: the list, or None.
 
     Raises:
@@ -160,63 +160,6 @@ class PairForces(Torque):
             )
         return _sums(self, sites(state, self.points), single, with_energy)
 
-    def terms(self, single: bool) -> dict[tuple[int, int], Term]:
-        """The terms of the pairs of sites that act on each other."""
-        indices = range(len(self.charges))
-        terms = {(p, q): self._term(p, q, single) for p in indices for q in indices}
-        return {pair: term for pair, term in terms.items() if term is not None}
-
-    def _term(self, p: int, q: int, single: bool) -> Term | None:
-        """For a pair of sites, V and -V'(x)/x as a function of x^2, with x = r/c; None if both are zero."""
-        own: Any = self.energy
-        c, a = self.cutoff, self.damping * self.cutoff
-        charge = self.coulomb * self.charges[p] * self.charges[q] / c
-        sixth, epsilon = (
-            ((self.sigmas[p] + self.sigmas[q]) / 2 / c) ** 6,
-            sqrt(self.epsilons[p]) * sqrt(self.epsilons[q]),
-        )
-        twelve, six = 4 * epsilon * sixth**2, 4 * epsilon * sixth
-        if charge == 0 and six == 0 and own is None:
-            return None
-        # erf(a x)/x is a polynomial in x^2, in whose powers V and -V'/x are sums over k of m_k x^(2k).
-        fitted = a <= (_SCREENED_SINGLE if single else _SCREENED)
-        degree = round(8 + 4 * max(0, a - 1.8) if single else 14 + 7 * max(0, a - 2.4))
-        erf_over_x = np.zeros(3)
-        if a and fitted:
-            erf_over_x = charge * _fitted(lambda u: a * erf(a * sqrt(u)) / (a * sqrt(u)), degree)
-        energies = tuple(erf_over_x.tolist())
-        slopes = tuple((2 * np.arange(1, len(erf_over_x)) * erf_over_x[1:]).tolist())
-
-        def at(square: Any, inverse: Any) -> tuple[Any, Any]:
-            """Without the terms that are zero at the cut-off by subtraction."""
-            per_square = inverse * inverse
-            energy = factor = 0 * square
-            if charge and not fitted:
-                screened = inverse * jax.lax.erfc(a * square * inverse)
-                energy = charge * screened
-                factor = charge * per_square * (screened + 2 * a / sqrt(pi) * jnp.exp(-a * a * square))
-            elif charge:
-                energy = charge * inverse - cp.polynomial(energies, square)
-                factor = charge * inverse * per_square + cp.polynomial(slopes, square)
-            if six:
-                per_sixth = per_square * per_square * per_square
-                energy = energy + per_sixth * (twelve * per_sixth - six)
-                factor = factor + per_sixth * per_square * (12 * twelve * per_sixth - 6 * six)
-            if own is not None:
-                r = c * square * inverse
-                value, slope = jax.jvp(
-                    lambda r: jnp.asarray(own(p, q, r)).astype(r.dtype), (r,), (jnp.full_like(r, c),)
-                )
-                energy, factor = energy + value, factor - slope * inverse
-            return energy, factor
-
-        def shifted(square: Array) -> tuple[Array, Array]:
-            inverse, one = _inverse_root(square), jnp.ones((), square.dtype)
-            (energy, factor), (energy_at_c, pull) = at(square, inverse), at(one, one)
-            return energy - energy_at_c + (square * inverse - 1) * pull, factor - pull * inverse
-
-        return shifted
-
 
 def _summed(
     forces: PairForces, places: Array, single: bool, with_energy: bool
@@ -230,7 +173,7 @@ def _summed(
         whole = scaled - jnp.round(scaled)
         whole = (2.0**32 * jnp.minimum(whole, 0.5 - 2.0**-24)).astype(jnp.int32)
     dtype, molecules = jnp.float32 if single else places.dtype, jnp.arange(places.shape[0], dtype=jnp.int32)
-    terms = forces.terms(single)
+    terms = _terms(forces, single)
 
     @jax.checkpoint  # a reverse derivative computes a slot again instead of keeping its numbers
     def add(sums: Any, slot: Array) -> Any:
@@ -265,6 +208,61 @@ def _summed(
     return [[(edge / forces.cutoff) ** 2 * x for x in force] for force in on_sites], totals
 
 
+def _terms(forces: PairForces, single: bool) -> dict[tuple[int, int], Term]:
+    """The terms of the pairs of sites that act on each other."""
+    indices = range(len(forces.charges))
+    terms = {(p, q): _term(forces, p, q, single) for p in indices for q in indices}
+    return {pair: term for pair, term in terms.items() if term is not None}
+
+
+def _term(forces: PairForces, p: int, q: int, single: bool) -> Term | None:
+    """For a pair of sites, V and -V'(x)/x as a function of x^2, with x = r/c; None if both are zero."""
+    own: Any = forces.energy
+    c, a = forces.cutoff, forces.damping * forces.cutoff
+    charge = forces.coulomb * forces.charges[p] * forces.charges[q] / c
+    sixth = ((forces.sigmas[p] + forces.sigmas[q]) / 2 / c) ** 6
+    epsilon = sqrt(forces.epsilons[p]) * sqrt(forces.epsilons[q])
+    twelve, six = 4 * epsilon * sixth**2, 4 * epsilon * sixth
+    if charge == 0 and six == 0 and own is None:
+        return None
+    # erf(a x)/x is a polynomial in x^2, in whose powers V and -V'/x are sums over k of m_k x^(2k).
+    fitted = a <= (_SCREENED_SINGLE if single else _SCREENED)
+    degree = round(8 + 4 * max(0, a - 1.8) if single else 14 + 7 * max(0, a - 2.4))
+    erf_over_x = np.zeros(3)
+    if a and fitted:
+        erf_over_x = charge * _fitted(lambda u: a * erf(a * sqrt(u)) / (a * sqrt(u)), degree)
+    energies = tuple(erf_over_x.tolist())
+    slopes = tuple((2 * np.arange(1, len(erf_over_x)) * erf_over_x[1:]).tolist())
+
+    def at(square: Any, inverse: Any) -> tuple[Any, Any]:
+        """Without the terms that are zero at the cut-off by subtraction."""
+        per_square = inverse * inverse
+        energy = factor = 0 * square
+        if charge and not fitted:
+            screened = inverse * jax.lax.erfc(a * square * inverse)
+            energy = charge * screened
+            factor = charge * per_square * (screened + 2 * a / sqrt(pi) * jnp.exp(-a * a * square))
+        elif charge:
+            energy = charge * inverse - cp.polynomial(energies, square)
+            factor = charge * inverse * per_square + cp.polynomial(slopes, square)
+        if six:
+            per_sixth = per_square * per_square * per_square
+            energy = energy + per_sixth * (twelve * per_sixth - six)
+            factor = factor + per_sixth * per_square * (12 * twelve * per_sixth - 6 * six)
+        if own is not None:
+            r = c * square * inverse
+            value, slope = jax.jvp(lambda r: jnp.asarray(own(p, q, r)).astype(r.dtype), (r,), (jnp.full_like(r, c),))
+            energy, factor = energy + value, factor - slope * inverse
+        return energy, factor
+
+    def shifted(square: Array) -> tuple[Array, Array]:
+        inverse, one = _inverse_root(square), jnp.ones((), square.dtype)
+        (energy, factor), (energy_at_c, pull) = at(square, inverse), at(one, one)
+        return energy - energy_at_c + (square * inverse - 1) * pull, factor - pull * inverse
+
+    return shifted
+
+
 def _check(state: Any) -> None:
     if not state.several or state.momentum.ndim != 2:
         raise ValueError(
@@ -273,7 +271,7 @@ def _check(state: Any) -> None:
         )
 
 
-_sums = filter_jit(_summed, inline=True)  # traced once for all forces of a step
+_sums = _filter_jit(_summed, inline=True)  # traced once for all forces of a step
 
 
 def _of_points(name: str, values: Any, count: int) -> tuple[float, ...]:
