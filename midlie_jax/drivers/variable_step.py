@@ -74,24 +74,7 @@ class _Clock(NamedTuple):
     taken: Array  # steps taken
 
 
-@overload  # the return type follows `observe`
-def integrate_variable_step(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    density: DensityLike,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    t1: float | Array | None = ...,
-    rho: float | Array | None = ...,
-    adjoint: Adjoint | None = ...,
-    observe: Any,
-) -> VariableStepPath[Any]: ...
-@overload
+@overload  # without `observe` the type of the states is known
 def integrate_variable_step(
     method: Method | str,
     body: Body,
@@ -112,7 +95,7 @@ def integrate_variable_step(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -122,6 +105,7 @@ def integrate_variable_step(
     t1: float | Array | None = ...,
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
+    observe: Any = ...,
 ) -> VariableStepPath[Any]: ...
 def integrate_variable_step(
     method: Method | str,
