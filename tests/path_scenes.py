@@ -350,6 +350,7 @@ BATHS: dict[str, tuple[str, Any]] = {
 NOISES = ("free", "kT(t)", "axis", "five", "travelling axis", "spins", "friction(t)", "recoil")
 IN_MOMENTUM = ("spins", "recoil", "recoil, axis", "sum")  # not for BROWNIAN
 HEATED = [name for name, scheme in SCHEMES.items() if any(kind == BATH for kind, _ in scheme.stages)]
+IN_TURN = {bath: HEATED[n % len(HEATED)] for n, bath in enumerate(BATHS)}
 
 
 # ---- scenes ----
@@ -431,8 +432,11 @@ def of_states() -> dict[str, Scene]:
 
 
 def of_baths() -> dict[str, Scene]:
+    """Each bath with one scheme, one bath with all of them, and the method without momenta with all it can have."""
     found = {}
-    for (bath, (state, torque)), scheme in product(BATHS.items(), HEATED):
+    schemes = [*((bath, IN_TURN[bath]) for bath in BATHS), *product(["free"], HEATED)]
+    for bath, scheme in schemes:
+        state, torque = BATHS[bath]
         found[f"bath {bath}, {scheme}"] = Scene(default_method(state, scheme), *_with(state, torque))
     for bath, (state, torque) in BATHS.items():
         if bath not in IN_MOMENTUM:
@@ -466,11 +470,11 @@ CHEAPEST = [
     *of_sums(),
     *(f"state {name}, {default_method(name)}" for name in ("momentum", "direction", "compensated", "particles")),
     *(f"state {name}, {default_method(name)}" for name in ("two rigid", "five axes", "two free axes")),
-    *(f"bath {bath}, {HEATED[n % len(HEATED)]}" for n, bath in enumerate(NOISES)),
+    *(f"bath {bath}, {IN_TURN[bath]}" for bath in NOISES),
 ]
 # Every bath and kinds of methods that the cheapest scenes lack, for the law of steps of length zero.
 STILL = [
-    *(f"bath {bath}, {HEATED[n % len(HEATED)]}" for n, bath in enumerate(BATHS)),
+    *(f"bath {bath}, {scheme}" for bath, scheme in IN_TURN.items()),
     *(f"method {name}" for name in ("LIEMID[EA]", "RK4", "SW", "GBS12")),
 ]
 
