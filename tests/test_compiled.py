@@ -92,12 +92,6 @@ def test_any_way_of_writing_the_torque_gives_one_loop(torque):
     assert not re.search(JOINED, text)
 
 
-def test_what_no_step_may_hold_is_found_where_it_is():
-    """The same search on a torque that holds it."""
-    _, text = loops("LIEMID[E2]", lambda t, state: jnp.stack([jnp.sin(t), t, state.attitude[1]]), jnp.float64)
-    assert re.search(DEAR, text)
-
-
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", [ml.RigidState, ml.MomentumState])
 def test_a_doubling_of_free_motion_is_one_loop(kind):

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -219,39 +218,6 @@ def test_energy_momentum_and_derivatives_of_a_column(dtype):
     slope = jax.grad(end)(mass, momentum, position)
     each = jax.grad(end)(repeated, momentum.ravel(), position.ravel())
     np.testing.assert_allclose(slope[:, 0], each.reshape(NODES, 3).sum(1), rtol=500 * epsilon(dtype))
-
-
-@pytest.mark.sample(0)
-def test_a_column_in_batches():
-    """An ensemble shares the masses; under vmap every run may have its own. Each is the run alone."""
-    momentum, position = jnp.asarray(SPACE)
-    many = ml.ParticleState(jnp.stack([momentum, momentum / 2]), jnp.stack([position, position]))
-    body, force = ml.Particles(NODE_MASS[:, None]), ml.torques.FromPotential(bonds)
-    ends = ml.ensemble("Verlet", body, force, many, dt=0.02, steps=16).states.position
-    heavy = jax.vmap(lambda m, p: in_space("Verlet")(m, p, position).states.position[-1])
-    mapped = heavy(jnp.stack([body.mass, 2 * body.mass]), jnp.stack([momentum, momentum]))
-    np.testing.assert_allclose(ends[0], mapped[0], rtol=1e-13)
-    alone = [in_space("Verlet")(m * body.mass, p, position) for m, p in ((1, many.momentum[1]), (2, momentum))]
-    np.testing.assert_allclose(ends[1], alone[0].states.position[-1], rtol=1e-13)
-    np.testing.assert_allclose(mapped[1], alone[1].states.position[-1], rtol=1e-13)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", [*PARTICLE, "DOP853"])
-def test_a_column_in_diffrax(name):
-    """With error control, `LieSolver` takes the steps of the flattened run."""
-    momentum, position = jnp.asarray(SPACE)
-    ends = []
-    for mass, shape in ((NODE_MASS[:, None], (NODES, 3)), (np.repeat(NODE_MASS, 3), (-1,))):
-        start = ml.ParticleState(momentum.reshape(shape), position.reshape(shape))
-        term = ml.diffrax.RigidBodyTerm(ml.Particles(mass), ml.torques.FromPotential(bonds))
-        control = diffrax.PIDController(1e-4, 1e-4)
-        solution = diffrax.diffeqsolve(
-            term, ml.diffrax.LieSolver(name), 0.0, 0.3, 0.01, start, stepsize_controller=control
-        )
-        ends.append((int(solution.stats["num_steps"]), solution.ys.position[-1].ravel()))
-    assert ends[0][0] == ends[1][0]
-    np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", PARTICLE[:1])
