@@ -19,26 +19,15 @@ _ROUNDING = 1e-9  # the largest excess of a trace over 2 that counts as rounding
 _GROWTH = 1e-4  # the allowed relative growth of an oscillation per Runge-Kutta step
 
 
-def verlet_limit(frequency: Any) -> Any:
-    """The largest stable step of kick and flight under a field, h = 2 / omega.
-
-    A body that librates about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
-    omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p. The step K_{h/2} F_h K_{h/2} has the
-    determinant 1 and the trace 2 - (h omega)^2. Both eigenvalues have the modulus 1 as long as the trace is between -2
-    and 2. At h omega = 2 they meet at -1, and beyond, one of them is larger than 1 in modulus. The frequency of the
-    numerical motion is then pi / h: two steps per period.
-    """
-    return 2 / np.asarray(frequency)
-
-
 def oscillator_limit(scheme: Scheme) -> float:
     """The largest h omega up to which every step of a scheme of kicks and flights is stable on an oscillator.
 
-    As for `verlet_limit`, with all stages of the scheme: in units with I = omega = 1 and a step of x, a flight a is the
-    matrix ((1, a x), (0, 1)) and a kick b is ((1, 0), (-b x (1 - 2 g x^2), 1)). The weight g of a force gradient enters
-    because the potential V - g h^2 T . I^-1 T has the stiffness k (1 - 2 g (h omega)^2). The determinant is 1, so the
-    step is stable where the trace is between -2 and 2. The limit is the first x at which the trace leaves this
-    interval. A bath is ignored, because its damping increases the stability.
+    A body that librates about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
+    omega^2 = k / I. In units with I = omega = 1 and a step of x, a flight a is the matrix ((1, a x), (0, 1)) and a kick
+    b is ((1, 0), (-b x (1 - 2 g x^2), 1)). The weight g of a force gradient enters because the potential
+    V - g h^2 T . I^-1 T has the stiffness k (1 - 2 g (h omega)^2). The determinant is 1, so the step is stable where
+    the trace is between -2 and 2. The limit is the first x at which the trace leaves this interval, for example 2 for
+    EA, whose trace is 2 - x^2. A bath is ignored, because its damping increases the stability.
     """
     x = np.arange(_FINEST, _FURTHEST, _FINEST)
     step = np.broadcast_to(np.eye(2), (len(x), 2, 2))
@@ -97,55 +86,6 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
 
 def _first(x: np.ndarray, beyond: np.ndarray) -> float:
     return float(x[np.argmax(beyond)]) - _FINEST if np.any(beyond) else math.inf
-
-
-def top_limit(gyration: Any, frequency: Any) -> Any:
-    """The largest stable step of kick and flight for a hanging top that spins about its axis of symmetry.
-
-    With I1 = I2, the tilt z = x + i y of the axis obeys z'' = i a z' - omega^2 z. Here a = Pi3 / I1 is the frequency of
-    the free nutation, `gyration`, and omega^2 = m g l / I1 the squared frequency of the top without spin. A flight
-    multiplies z' by e = exp(i a h) and adds (e - 1) / (i a) times z' to z. A kick subtracts h omega^2 z from z'. The
-    step has the determinant e and the trace 1 + e + i (e - 1) h omega^2 / a. Its eigenvalues, divided by exp(i phi)
-    with phi = a h / 2, have the product 1 and the sum
-
-        2 cos phi - 2 b sin phi = 2 sqrt(1 + b^2) cos(phi + arctan b),    b = h omega^2 / a
-
-    They have the modulus 1 as long as this sum is between -2 and 2, that is while phi + 2 arctan b <= pi. Without spin
-    this limit is h omega = 2, and in a weak field it is the step resonance a h = 2 pi.
-    """
-    a, omega = np.broadcast_arrays(np.asarray(gyration, float), np.asarray(frequency, float))
-    low, high = np.zeros(a.shape), 2 / omega  # phi + 2 arctan b increases with h, and is at least pi at h omega = 2
-    for _ in range(60):
-        h = (low + high) / 2
-        inside = a * h / 2 + 2 * np.arctan2(h * omega**2, a) <= np.pi
-        low, high = np.where(inside, h, low), np.where(inside, high, h)
-    return low
-
-
-def moser_veselov_limit(speed: Any) -> Any:
-    """The largest flight of the discrete Moser-Veselov body (DMV) with a spin about a principal axis, h = 1 / |Omega|.
-
-    The flight rotates the body by the quaternion (1, c) / sqrt(a), a = 1 + |c|^2, with I_i c_i = a (h/2) Pi_i plus
-    terms c_j c_k that vanish for a spin about one axis. So c = (1 + c^2) (h/2) Omega, and this quadratic equation has
-    real roots only for (h/2) |Omega| <= 1/2. There both roots meet at c = 1: a rotation by 90 degrees, where the true
-    angle is 1 radian.
-    """
-    return 1 / np.asarray(speed)
-
-
-def midpoint_fold(frequency: Any) -> Any:
-    """The largest step for which the equation of an implicit midpoint rule has one solution at every angle, 2 / omega.
-
-    A body that rotates about one axis with moment I under the torque -k sin x moves by 2 w in a step, with
-
-        2 I w = h (p + (h/2) T(x + w))    (LIEMID[I], SW)
-
-    The derivative of both sides' difference by w is 2 I + (h^2 / 2) k cos(x + w). It is positive at every angle as long
-    as h omega < 2, omega^2 = k / I. Beyond, it vanishes at some angle near the inverted position: there the solution
-    folds into three. AKW has the same limit for small rotations: its torques at both ends, each times h/2, have the
-    same weight as the torque at mid-step times h.
-    """
-    return 2 / np.asarray(frequency)
 
 
 def resonance(frequency: Any, k: Any = 1) -> Any:

@@ -44,7 +44,9 @@ class _Preprocessed(JudgedFlight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
     one_loop: ClassVar[bool] = False
-    reach: ClassVar[float] = 1.0  # for DMV by `limits.moser_veselov_limit`; DMV4 and DMV6 reach up to a fifth further
+    # For a spin about a principal axis c = (1 + c^2) (h/2) Omega, which has real roots only up to h |Omega| = 1, where
+    # both meet at c = 1, a rotation by 90 degrees. DMV4 and DMV6 reach up to a fifth further.
+    reach: ClassVar[float] = 1.0
 
     def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)

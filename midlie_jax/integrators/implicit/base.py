@@ -29,7 +29,7 @@ class Implicit(Method):
     evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
 
     def stability_limit(self, direction: complex) -> float:
-        """2: above, the equation of a step may have several solutions (`limits.midpoint_fold`), and NMB is unstable."""
+        """2: above, the equation of a step may have several solutions (`tests/test_limits.py`), and NMB is unstable."""
         del direction
         return 2.0
 
