@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
 from harness import Table, in_turn, main
+from laboratory import thrown_brick
+from laboratory.rivals.problem import program
 
 import midlie_jax as ml
 
@@ -178,8 +180,31 @@ def craft() -> Iterator[list[str]]:
 
         return jax.jit(jax.vmap(run))
 
+    def with_mjx(integrator: str, learned: bool) -> Any:
+        mjx = program("mujoco.mjx")
+        with jax.enable_x64(False):
+            made = mjx.put_model(thrown_brick.model(body, integrator, mass=0.5, gravity=9.81, dt=0.005))
+            data = mjx.make_data(made)
+
+        def run(start: Any, action: Any) -> Any:
+            def act(data: Any, _: None) -> tuple[Any, None]:
+                place, q = data.qpos[:3], data.qpos[3:]
+                linear, momentum = np.float32(0.5) * data.qvel[:3], moments * data.qvel[3:]
+                command = policy(momentum, q, linear, place, action) if learned else action
+                up = ml.so3.rotate(q, jnp.stack([0 * command[0], 0 * command[0], command[0]]))
+                return mjx.step(made, data.replace(qfrc_applied=jnp.concatenate([up, command[1:]]))), None
+
+            velocity = jnp.concatenate([start.linear / np.float32(0.5), start.momentum / moments])
+            first = data.replace(qpos=jnp.concatenate([start.position, start.attitude]), qvel=velocity)
+            last = jax.lax.scan(act, first, length=steps)[0]
+            return last.qpos, last.qvel
+
+        return jax.enable_x64(False)(jax.jit(jax.vmap(run)))
+
     makers = {name: partial(with_stepper, name) for name in ("JACOBI[EA]", "SYMMETRIC[EA]", "RK4")}
-    for name, maker in {**makers, "RK4 by hand, on arrays": by_hand}.items():
+    makers |= {"RK4 by hand, on arrays": by_hand}
+    makers |= {f"MJX, {integrator}": partial(with_mjx, integrator) for integrator in ("Euler", "RK4")}
+    for name, maker in makers.items():
         times = seconds(*(partial(maker(learned), starts, actions) for learned in (False, True)))
         yield [name, *(f"{QUADROTORS * steps / t / 1e6:.1f}" for t in times)]
 

@@ -81,15 +81,15 @@ def ours(body: Any, start: Any, name: str = "JACOBI[EA]") -> Run:
     return compiled(run, start, bodies=BODIES), ends
 
 
-def model(body: Any, integrator: str) -> Any:
-    """MuJoCo's model of the brick: a free joint, and everything else off."""
+def model(body: Any, integrator: str, mass: float = MASS, gravity: float = GRAVITY, dt: float = DT) -> Any:
+    """MuJoCo's model of the brick, or of another body: a free joint, and everything else off."""
     mujoco = program("mujoco")
     flags = ("contact", "constraint", "equality", "limit", "spring", "damper", "sensor", "actuation", "warmstart")
     off = " ".join(f'{flag}="disable"' for flag in flags)
     made = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option integrator="{integrator}" timestep="{DT!r}" gravity="0 0 {-GRAVITY!r}">
+        f"""<mujoco><option integrator="{integrator}" timestep="{dt!r}" gravity="0 0 {-gravity!r}">
         <flag {off}/></option>
-        <worldbody><body><freejoint/><inertial pos="0 0 0" mass="{MASS!r}" diaginertia="1 1 1"/></body></worldbody>
+        <worldbody><body><freejoint/><inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/></body></worldbody>
         </mujoco>"""
     )
     made.body_inertia[1] = np.asarray(body.body.moments)
