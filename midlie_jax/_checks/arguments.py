@@ -5,6 +5,7 @@ be read, and failures are reported as flags instead (`Path.ok`).
 """
 
 import inspect
+import sys
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from operator import index
@@ -269,6 +270,15 @@ def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] =
     nearest = get_close_matches(str(name).casefold(), by_folded_name, n=1)
     hint = f"did you mean {by_folded_name[nearest[0]]!r}? Choose" if nearest else "choose"
     return ValueError(f"unknown {kind} {name!r}; {hint} from {', '.join(known)}. {note}".rstrip())
+
+
+def progress_line(progress: Any) -> Callable[[str], None]:
+    """A function that writes a text over the last line of stderr, and erases the line for "".
+
+    It does nothing if `progress` is False or a function, or if it is None and stderr is no terminal.
+    """
+    shown = not callable(progress) and (sys.stderr.isatty() if progress is None else progress)
+    return lambda text: print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True) if shown else None
 
 
 def described(value: Any) -> str:

@@ -3,7 +3,7 @@
 A trial of some thousand steps (`trials.py`) measures the rotation angles of the steps and the rates of the torque. It
 shows whether the run fails or the energy drifts. `check` compares these with the limits of `integrators/limits.py`. It
 tests whether the torque jumps in time within steps (`jumps.py`). A trial with half the step estimates the accuracy of
-the motion (`accuracy.py`), which is not part of the verdict.
+the motion, which is not part of the verdict.
 """
 
 import math
@@ -31,10 +31,7 @@ from .trials import Trial, Trials
 _HARMONICS = (1, 2, 3)  # the resonances h omega = pi / k that are tested
 _MOST_COUPLED = 32  # coupled bodies whose torques are linearised together
 _NO_BATH = "check needs a deterministic run, and a heat bath is random"
-_LARGEST_JUMP, _SMALL_JUMP = (
-    0.05,
-    1e-3,
-)  # relative errors of the impulse: not sane, printed
+_LARGEST_JUMP, _SMALL_JUMP = 0.05, 1e-3  # relative errors of the impulse: not sane, printed
 _JUMPS = "the torque jumps in time, and steps sample it at instants; use midlie_jax.torques.Pulses or Held"
 _LOST = 0.3  # radians
 _OFF = 0.95  # the factor that shortens a suggested step until it is off every resonance
@@ -139,10 +136,8 @@ class Check(NamedTuple):
             text = f"{period:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.harmonic}"))
         if not self.solved:
-            trial = (
-                f"FAILS after {self.lasted} of {self.steps} steps: a solve does not succeed, the step is beyond the "
-            )
-            trial += "reach, or a number is not finite"
+            trial = f"FAILS after {self.lasted} of {self.steps} steps: a solve does not succeed, the step is beyond "
+            trial += "the reach, or a number is not finite"
         elif math.isnan(self.energy_error):
             trial = f"{self.steps} steps succeed"
         else:
@@ -150,18 +145,12 @@ class Check(NamedTuple):
         parts.append(("trial", trial))
         if self.jump_error > _SMALL_JUMP:
             parts.append(("jumps", f"up to {self.jump_error:.2g} times the impulse can be wrong: {_JUMPS}"))
-        parts.append(("accuracy", self._accuracy))
-        parts.append(("rounding", self.rounding.text(steps)))
-        return parts
-
-    @property
-    def _accuracy(self) -> str:
-        told = "not judged by the verdict"
-        if math.isnan(self.error):
-            return told
-        unit = "of the momentum" if self.judged == "momentum" else f"rad of the {self.judged}"
-        lost = "; the phase of the motion is lost" if self.error > _LOST else ""
-        return f"{told}; the error is about {self.error:.1g} {unit} after {self.steps // 2} steps{lost}"
+        accuracy = "not judged by the verdict"
+        if not math.isnan(self.error):
+            unit = "of the momentum" if self.judged == "momentum" else f"rad of the {self.judged}"
+            accuracy += f"; the error is about {self.error:.1g} {unit} after {self.steps // 2} steps"
+            accuracy += "; the phase of the motion is lost" if self.error > _LOST else ""
+        return [*parts, ("accuracy", accuracy), ("rounding", self.rounding.text(steps))]
 
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.parts)
@@ -228,18 +217,14 @@ def check(
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_clock(t0, dt)
-    axes = len(start.batch)
-    if axes not in (0, 1):
+    if len(start.batch) > 1:
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
-    if axes == 0:  # a single body has no rows
+    if not start.batch:  # a single body has no rows
         check_system(method, body, torque, start, bath=_NO_BATH)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes, bath=_NO_BATH)
-    return _judged(
-        Trials(batch, steps if steps is None else as_count("steps", steps)),
-        float(dt),
-        kicked=torque is not None and isinstance(method, Splitting),
-    )
+    kicked = torque is not None and isinstance(method, Splitting)
+    return _judged(Trials(batch, steps if steps is None else as_count("steps", steps)), float(dt), kicked)
 
 
 def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
@@ -252,19 +237,10 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     wrong = jump_error(trials.batch, dt, own.steps)
     error, judged = own.error(half, method.order)
     return Check(
-        *(
-            method.name,
-            dt,
-            stable and wrong <= _LARGEST_JUMP,
-            own.steps,
-            own.lasted == own.steps,
-            own.lasted,
-            own.energy_error,
-        ),
-        *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
-        *(nearest, harmonic, resonant, math.copysign(suggested, dt), own.rounding),
-        *(wrong, error, judged),
-    )
+        method.name, dt, stable and wrong <= _LARGEST_JUMP, own.steps, own.lasted == own.steps, own.lasted,
+        own.energy_error, own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit,
+        nearest, harmonic, resonant, math.copysign(suggested, dt), own.rounding, wrong, error, judged,
+    )  # fmt: skip
 
 
 def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:

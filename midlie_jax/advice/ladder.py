@@ -1,7 +1,6 @@
 """A candidate of `recommend`, compiled and timed at a ladder of steps, and the evaluation of such runs."""
 
 import math
-from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -54,22 +53,18 @@ class Run(NamedTuple):
 
 
 class Candidate:
-    """A method compiled for the motion; runs and times it."""
+    """A method compiled for the motion; `runs` has all its runs by their numbers of steps."""
 
     def __init__(
         self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array, length: float | None
     ):
-        self.name, self.span, self.length = name, span, length
+        self.name, self.span, self.length, self.dtype = name, span, length, start.momentum.dtype
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts, t0=t0)
-        self.dtype = start.momentum.dtype
         # The time of a call without steps, which is subtracted from the time of every run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
-
-    def whole(self, steps: int) -> int:
-        """The smallest number of steps supported by the loop that is at least `steps`."""
-        return self.program.whole(steps)
+        self.runs = dict[int, Run]()
 
     def run(self, steps: int) -> Run:
         step = self.span / max(steps, 1)
@@ -78,6 +73,59 @@ class Candidate:
         seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
         return Run(end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
 
+    def _added(self, steps: int) -> tuple[int, Run]:
+        """A further run with the smallest possible number of steps that is at least `steps`."""
+        steps = self.program.whole(steps)
+        self.runs[steps] = self.run(steps)
+        return steps, self.runs[steps]
+
+    def climb(self, guess: int, tolerance: float, patience: float) -> None:
+        """Runs with fewer steps until one misses the tolerance, then with more until the end has converged.
+
+        Args:
+            guess: the first number of steps.
+            tolerance: the largest error at the end.
+            patience: if a run takes longer than these seconds, no runs with more steps are tried.
+        """
+        steps, run = coarse_steps, coarse_run = self._added(guess)
+        while coarse_run.ok and coarse_steps > self.program.unroll:
+            before = coarse_run
+            coarse_steps, coarse_run = self._added(coarse_steps // 2)
+            if distance(before, coarse_run) > 2 * tolerance:
+                break
+        change, rounding = math.inf, _ROUNDING * float(np.finfo(self.dtype).eps)
+        while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
+            before, last = run, change
+            steps, run = self._added(2 * steps)
+            change = distance(before, run)
+            if change < tolerance / _CONVERGED or last / 1.5 < change < rounding:
+                return
+
+    def ladder(self) -> list[Run]:
+        return [run for _, run in sorted(self.runs.items())]
+
+    def ends(self) -> list[tuple[float, np.ndarray]]:
+        """The ends of the runs, each with its change by the last halving of the step."""
+        changes = [(distance(coarse, refined), refined.end) for coarse, refined in pairwise(self.ladder())]
+        return [(change, end) for change, end in changes if math.isfinite(change)]
+
+    def trial(self, steps: int, run: Run, exact: np.ndarray) -> Trial:
+        error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
+        return Trial(self.name, self.span / steps, steps, error, run.seconds, run.ok)
+
+    def trials(self, exact: np.ndarray) -> list[Trial]:
+        return [self.trial(steps, run, exact) for steps, run in sorted(self.runs.items())]
+
+    def confirmed(self, steps: int, exact: np.ndarray, tolerance: float) -> Trial | None:
+        """The first trial within the tolerance, with `steps` steps or up to about twice as many; None without one."""
+        for _ in range(6):
+            steps = self.program.whole(steps)
+            trial = self.trial(steps, self.run(steps), exact)
+            if trial.error <= tolerance:
+                return trial
+            steps = math.ceil(steps * 1.15)
+        return None
+
 
 def _place(states: Any, length: float | None) -> np.ndarray:
     """The compared quantities of the first state: rotation matrix, axis or direction; position over `length`."""
@@ -85,36 +133,8 @@ def _place(states: Any, length: float | None) -> np.ndarray:
         orientation = so3.to_matrix(states.attitude[0])
     else:
         orientation = states.axis[0] if hasattr(states, "axis") else states.direction[0]
-    parts = [np.ravel(np.asarray(orientation, np.float64))]
-    if length is not None:
-        parts.append(np.asarray(states.position[0], np.float64) / length)
-    return np.concatenate(parts)
-
-
-def ladder_of(candidate: Candidate, guess: int, tolerance: float, patience: float) -> Iterator[tuple[int, Run]]:
-    """Runs, with their numbers of steps: fewer until a run misses the tolerance, then more until the end has converged.
-
-    Args:
-        patience: if a run takes longer than these seconds, no runs with more steps are tried.
-    """
-    steps = candidate.whole(guess)
-    run = candidate.run(steps)
-    yield steps, run
-    coarse_steps, coarse_run = steps, run
-    while coarse_run.ok and coarse_steps > candidate.program.unroll:
-        coarse_steps = candidate.whole(coarse_steps // 2)
-        before, coarse_run = coarse_run, candidate.run(coarse_steps)
-        yield coarse_steps, coarse_run
-        if not coarse_run.ok or distance(before, coarse_run) > 2 * tolerance:
-            break
-    change, rounding = math.inf, _ROUNDING * float(np.finfo(candidate.dtype).eps)
-    while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
-        steps = candidate.whole(2 * steps)
-        before, run, last = run, candidate.run(steps), change
-        change = distance(before, run)
-        yield steps, run
-        if change < tolerance / _CONVERGED or last / 1.5 < change < rounding:
-            return
+    end = np.ravel(np.asarray(orientation, np.float64))
+    return end if length is None else np.append(end, np.asarray(states.position[0], np.float64) / length)
 
 
 def distance(first: Run, second: Run) -> float:
@@ -122,30 +142,7 @@ def distance(first: Run, second: Run) -> float:
     return float(np.linalg.norm(first.end - second.end)) if first.ok and second.ok else math.inf
 
 
-def ends_of(ladder: dict[int, Run]) -> Iterator[tuple[float, np.ndarray]]:
-    """The ends of the runs, each with its change by the last halving of the step."""
-    runs = [run for _, run in sorted(ladder.items())]
-    for coarse, refined in pairwise(runs):
-        change = distance(coarse, refined)
-        if math.isfinite(change):
-            yield change, refined.end
-
-
-def fastest_seconds(runs: dict[str, dict[int, Run]], tolerance: float) -> float:
-    """Seconds of the fastest run so far within the tolerance of the last end of its ladder; infinity if none."""
-    seconds = [math.inf]
-    for ladder in runs.values():
-        ordered = [run for _, run in sorted(ladder.items())]
-        seconds += [run.seconds for run in ordered if distance(run, ordered[-1]) < tolerance]
-    return min(seconds)
-
-
-def trial_of(name: str, span: float, steps: int, run: Run, exact: np.ndarray) -> Trial:
-    error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
-    return Trial(name, span / steps, steps, error, run.seconds, run.ok)
-
-
-def fits_of(trials: Sequence[Trial], tolerance: float) -> list[tuple[float, str, int]]:
+def fits_of(trials: list[Trial], tolerance: float) -> list[tuple[float, str, int]]:
     """[(seconds, method, steps)] for the tolerance, interpolated between two trials; [] if no trial reached it."""
     within = next((t for t in trials if t.ok and t.error <= tolerance), None)
     if within is None:
@@ -157,14 +154,3 @@ def fits_of(trials: Sequence[Trial], tolerance: float) -> list[tuple[float, str,
         slope = math.log(coarse.error / within.error) / math.log(within.steps / coarse.steps)
         steps = min(steps, math.ceil(coarse.steps * (coarse.error / tolerance) ** (1 / slope) / _SAFETY))
     return [(within.seconds * steps / within.steps, within.method, steps)]
-
-
-def confirmed(candidate: Candidate, steps: int, exact: np.ndarray, tolerance: float) -> Trial | None:
-    """The first trial within the tolerance, with `steps` steps or up to about twice as many; None if there is none."""
-    for _ in range(6):
-        steps = candidate.whole(steps)
-        trial = trial_of(candidate.name, candidate.span, steps, candidate.run(steps), exact)
-        if trial.error <= tolerance:
-            return trial
-        steps = math.ceil(steps * 1.15)
-    return None

@@ -44,15 +44,9 @@ class Program:
         unroll: int | None = None,
         t0: float | Array = 0.0,
     ):
-        """Compiles the program, unless it was compiled before.
+        """Compiles the program, unless it was compiled before; `starts` have a leading axis of bodies.
 
-        Args:
-            method, body, torque: as for `integrate`, but not checked.
-            starts: states with a leading axis of bodies.
-            chunk: number of bodies moved at once, if it divides the number of bodies; otherwise, and by default, all
-                bodies are moved at once.
-            unroll: by default `method.unroll`.
-            t0: the time at the start.
+        `chunk` bodies are moved at once, if it divides their number; otherwise, and by default, all of them.
         """
         self.method = method.fitted(body)
         self.unroll = self.method.unroll if unroll is None else unroll
@@ -73,12 +67,7 @@ class Program:
         return self.unroll * max(1, math.ceil(steps / self.unroll))
 
 
-def _moved_at_once(method: Method, body: Any, torque: Any, size: int, *others: Any) -> int:
-    del method, body, torque, others
-    return size
-
-
-@partial(tuned_jit, bodies=_moved_at_once)
+@partial(tuned_jit, bodies=lambda method, body, torque, size, *others: size)
 def _run(
     method: Method,
     body: Body,

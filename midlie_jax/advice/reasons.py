@@ -1,7 +1,7 @@
 """Messages of `recommend`: the limit of a step, a cheaper state, and the reason if there is no recommendation."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
@@ -13,7 +13,7 @@ from ..integrators.registry import method as find_method
 from ..model.bodies import Body
 from ..model.state import AnyState
 from .facts import Facts
-from .ladder import Run, Trial
+from .ladder import Candidate, Trial
 
 _WORTH = 0.9  # share of the run time below which another state is mentioned
 _STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
@@ -47,23 +47,25 @@ def why_none(
     t0: Array,
     span: float,
     tolerance: float,
-    runs: dict[str, dict[int, Run]],
-    reference: tuple[float, np.ndarray] | None,
+    candidates: Iterable[Candidate],
+    change: float,
 ) -> str:
-    most = max(max(ladder) for ladder in runs.values())
+    """Why there is no recommendation; `change` is the least change of the end by halving a step."""
+    runs = [(steps, run.ok) for candidate in candidates for steps, run in candidate.runs.items()]
+    most, failed = max(steps for steps, _ in runs), not all(ok for _, ok in runs)
     tried = f"with up to {most} steps of {span / most:.1e}"
     largest_rate, motion_rate = _rates(body, torque, start, t0)
     if not math.isfinite(largest_rate):
         return "the torque or its derivative is not finite at the start; check it for a division by zero."
-    if largest_rate > _STIFF * motion_rate and not all(run.ok for ladder in runs.values() for run in ladder.values()):
+    if largest_rate > _STIFF * motion_rate and failed:
         return (
             f"the torque is stiff: no method reached {tolerance:.1e} {tried}. {_stiffness(largest_rate, motion_rate)}"
         )
-    if reference is None:
+    if math.isinf(change):
         return f"every run failed, {tried}; check the torque for NaN during the motion."
     return (
         f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still "
-        f"changes the end by {reference[0]:.1e}. Use a larger tolerance, a shorter duration (if "
+        f"changes the end by {change:.1e}. Use a larger tolerance, a shorter duration (if "
         "the motion is chaotic), or float64."
     )
 

@@ -9,15 +9,15 @@ smaller steps.
 """
 
 import math
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import described, require, require_numbers, shown
+from .._checks.arguments import described, progress_line, require, require_numbers, shown
 from ..drivers.arguments import as_scalar, check_clock, check_system
 from ..integrators.registry import ENTRIES, exact_flight
 from ..integrators.registry import method as find_method
@@ -30,7 +30,7 @@ from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check
-from .ladder import Candidate, Run, Trial, confirmed, ends_of, fastest_seconds, fits_of, ladder_of, trial_of
+from .ladder import Candidate, Trial, distance, fits_of
 from .one_direction import one_direction
 from .reasons import exact_method, limit_of_step, of_a_direction, speed_of, why_none
 from .trials import MOST_STEPS
@@ -161,27 +161,26 @@ def recommend(
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * speed_of(body, start) / _FIRST_TURN))
     check_clock(t0, np.asarray(span / guess, start.momentum.dtype))
-    runs: dict[str, dict[int, Run]] = {}
     compiled: dict[str, Candidate] = {}
-    print_progress = _progress_printer(progress, len(names))
-    for name in names:
-        print_progress(name)
-        compiled[name] = Candidate(name, body, torque, start, span, t0, length)
-        fastest = fastest_seconds(runs, tolerance)
-        runs[name] = dict(ladder_of(compiled[name], guess, tolerance, fastest * _SLOWER))
+    show = progress_line(progress)
+    for n, name in enumerate(names, 1):
+        show(f"recommend: {name} ({n} of {len(names)})")
+        candidate = Candidate(name, body, torque, start, span, t0, length)
+        candidate.climb(guess, tolerance, _SLOWER * _fastest_seconds(compiled.values(), tolerance))
+        compiled[name] = candidate
         if callable(progress):
             progress(1)
-    reference = min((end for ladder in runs.values() for end in ends_of(ladder)), default=None, key=lambda end: end[0])
-    if reference is None or reference[0] > tolerance / 3:
-        raise ValueError(why_none(body, torque, start, t0, span, tolerance, runs, reference))
-    exact = reference[1]
-    tried = {name: [trial_of(name, span, n, run, exact) for n, run in sorted(runs[name].items())] for name in names}
-    fits = sorted(fit for trials in tried.values() for fit in fits_of(trials, tolerance))
-    print_progress("")
-    for _, name, steps in fits:
+    show("")
+    ends = [end for candidate in compiled.values() for end in candidate.ends()]
+    change, exact = min(ends, default=(math.inf, np.zeros(0)), key=lambda end: end[0])
+    why = partial(why_none, body, torque, start, t0, span, tolerance, compiled.values(), change)
+    if change > tolerance / 3:
+        raise ValueError(why())
+    tried = {name: candidate.trials(exact) for name, candidate in compiled.items()}
+    for _, name, steps in sorted(fit for trials in tried.values() for fit in fits_of(trials, tolerance)):
         longest = abs(check(name, body, torque, start, dt=span / steps, steps=min(steps, MOST_STEPS), t0=t0).suggested)
         fewest = math.ceil(abs(span) / longest) if longest > 0 else steps
-        best = confirmed(compiled[name], max(steps, fewest), exact, tolerance)
+        best = compiled[name].confirmed(max(steps, fewest), exact, tolerance)
         if best is not None:
             every = (*(trial for trials in tried.values() for trial in trials), best)
             note = limit_of_step(body, torque, start, t0, tried[name], best)
@@ -192,7 +191,14 @@ def recommend(
                 seconds = Candidate(name, body, torque, less, span, t0, None).run(best.steps).seconds
                 note = " ".join(filter(None, (note, of_a_direction(seconds, best.seconds))))
             return Recommendation(best.method, best.dt, best.steps, best.error, best.seconds, span, note, every)
-    raise ValueError(why_none(body, torque, start, t0, span, tolerance, runs, reference))
+    raise ValueError(why())
+
+
+def _fastest_seconds(candidates: Iterable[Candidate], tolerance: float) -> float:
+    """Seconds of the fastest run so far within the tolerance of the last end of its ladder; infinity if none."""
+    ladders = [candidate.ladder() for candidate in candidates]
+    near = [run.seconds for runs in ladders for run in runs if distance(run, runs[-1]) < tolerance]
+    return min(near, default=math.inf)
 
 
 def candidates(
@@ -215,18 +221,3 @@ def candidates(
 
 def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
     return System.of(body, torque, start, jnp.zeros((), start.momentum.dtype)).reads_momentum
-
-
-def _progress_printer(progress: Any, count: int) -> Callable[[str], None]:
-    """A function that prints the name of the present candidate over its last line; the name "" erases the line."""
-    if callable(progress) or not (sys.stderr.isatty() if progress is None else progress):
-        return lambda name: None
-    done = 0
-
-    def print_progress(name: str) -> None:
-        nonlocal done
-        done += 1
-        text = f"recommend: {name} ({done} of {count})" if name else ""
-        print(f"\r{text:<60}", end="" if name else "\r", file=sys.stderr, flush=True)
-
-    return print_progress

@@ -31,22 +31,18 @@ class Clock(NamedTuple):
     read: Callable[[], float]
 
 
-def _processor() -> Clock:
-    return Clock("processor time", time.process_time)
-
-
-def _wall() -> Clock:
-    return Clock("wall time", time.perf_counter)
+def _clock(of_processor: bool) -> Clock:
+    return Clock("processor time", time.process_time) if of_processor else Clock("wall time", time.perf_counter)
 
 
 def cost_clock() -> Clock:
     """The clock for the cost of a run: processor time of all threads; wall time on an accelerator."""
-    return _processor() if on_cpu() else _wall()
+    return _clock(on_cpu())
 
 
 def user_clock() -> Clock:
     """The clock for the waiting time of a user on a quiet machine: processor time on one core, wall time otherwise."""
-    return cost_clock() if cores() == 1 else _wall()
+    return _clock(on_cpu() and cores() == 1)
 
 
 class Timing(NamedTuple):
@@ -59,9 +55,6 @@ class Timing(NamedTuple):
 
     seconds: float
     spread: float
-
-    def scaled(self, factor: float) -> "Timing":
-        return self._replace(seconds=self.seconds * factor)
 
 
 class Stopwatch:
@@ -87,24 +80,9 @@ class Stopwatch:
 
 
 def timed(
-    run: Callable[[], Any],
-    *,
-    least: int = 2,
-    most: int = 5,
-    longest: float = math.inf,
-    clock: Clock | None = None,
+    run: Callable[[], Any], *, least: int = 2, most: int = 5, longest: float = math.inf, clock: Clock | None = None
 ) -> tuple[Any, Timing]:
-    """The last result of several consecutive runs, and their timing.
-
-    For three or more runs the first is not counted, because it loads the cache for the others.
-
-    Args:
-        run: must wait for its result.
-        least: smallest number of runs, for any duration; a single run has no spread.
-        most: largest number of runs.
-        longest: seconds of runs after which no further run starts.
-        clock: by default `cost_clock()`.
-    """
+    """The last result of several consecutive runs, and their timing; see `timed_in_turn`."""
     return timed_in_turn([run], least=least, most=most, longest=longest, clock=clock)[0]
 
 
@@ -118,8 +96,15 @@ def timed_in_turn(
 ) -> list[tuple[Any, Timing]]:
     """The last result and the timing of each of several runs, which alternate.
 
-    A temporary slowdown of the machine then affects all of them. The arguments are the same as for `timed`; `longest`
-    limits the total seconds of the slowest run.
+    A temporary slowdown of the machine then affects all of them. For three or more rounds the first is not counted,
+    because it loads the cache for the others.
+
+    Args:
+        runs: each must wait for its result.
+        least: smallest number of rounds, for any duration; a single round has no spread.
+        most: largest number of rounds.
+        longest: total seconds of the slowest run after which no further round starts.
+        clock: by default `cost_clock()`.
     """
     watches = [Stopwatch(clock) for _ in runs]
     while True:
@@ -145,18 +130,17 @@ class Load:
     def __init__(self) -> None:
         self._wall, self._processor = time.perf_counter(), time.process_time()
 
-    def share(self) -> float:
-        """The fraction of time in which the process had its core; on several cores, cores over the reported load."""
-        if cores() == 1 and on_cpu():
-            return (time.process_time() - self._processor) / max(time.perf_counter() - self._wall, 1e-9)
-        try:
-            return (os.cpu_count() or 1) / max(os.getloadavg()[0], os.cpu_count() or 1)
-        except (AttributeError, OSError):
-            return 1.0
-
     def warning(self) -> str:
-        """A warning for the user if the machine was busy, else ""."""
-        share = self.share()
+        """A warning for the user if the machine was busy, else "".
+
+        It is judged by the fraction of time in which the process had its core; on several cores, by the reported load.
+        """
+        share = 1.0
+        if cores() == 1 and on_cpu():
+            share = (time.process_time() - self._processor) / max(time.perf_counter() - self._wall, 1e-9)
+        else:
+            with contextlib.suppress(AttributeError, OSError):
+                share = (os.cpu_count() or 1) / max(os.getloadavg()[0], os.cpu_count() or 1)
         if share > _BUSY:
             return ""
         return (

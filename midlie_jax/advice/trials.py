@@ -16,7 +16,6 @@ from ..drivers.path import Path
 from ..integrators.base import Method
 from ..model.state import AnyState
 from ..model.states import RigidState
-from .accuracy import difference
 from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
@@ -89,7 +88,7 @@ class Trial(NamedTuple):
         """`Check.error` and `Check.judged`, from the same trial with half the step."""
         here = jax.tree.map(lambda x: x[:, : (x.shape[1] + 1) // 2], self.states)
         there = jax.tree.map(lambda x: x[:, ::2], half.states)
-        apart, judged = difference(here, there)
+        apart, judged = _difference(here, there)
         failed = self.lasted < self.steps or half.lasted < half.steps
         return math.nan if failed else apart * 2**order / (2**order - 1), judged
 
@@ -141,6 +140,23 @@ def _along(method: Method, mapped: Any, shared: Any, path: Path[Any]) -> tuple[F
         return facts, energies_if_constant(body, torque, states, path.times)
 
     return jax.vmap(of_one)(mapped, path.states)
+
+
+def _difference(states: Any, with_half_step: Any) -> tuple[float, str]:
+    """The largest difference between states and the states of a run with half the step, and the name of the quantity.
+
+    It is the angle between attitudes, axes or directions, in radians. Between momenta without these it is relative.
+    """
+    for name in ("attitude", "axis", "direction", "momentum"):
+        if hasattr(states, name):
+            break
+    a, b = (np.asarray(getattr(s, name), np.float64) for s in (states, with_half_step))
+    apart, size = np.linalg.norm(a - b, axis=-1), np.linalg.norm(b, axis=-1)
+    if name == "momentum":
+        return float(np.max(apart / np.where(size > 0, size, 1))), name
+    if name == "attitude":  # q and -q are one attitude
+        apart = np.minimum(apart, np.linalg.norm(a + b, axis=-1))
+    return float(np.max((4 if name == "attitude" else 2) * np.arcsin(np.minimum(apart / 2, 1)))), name
 
 
 def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> Rounding:

@@ -233,8 +233,8 @@ class _Ladder:
         return [row if row.failure else self._timed(row) for row in self.measured]
 
     def _timed(self, row: Row) -> Row:
-        whole = self.watches[row.steps].timing().scaled(row.steps // self.rungs[0] / COPIES)
-        return row._replace(seconds=whole.seconds, spread=whole.spread)
+        timing = self.watches[row.steps].timing()
+        return row._replace(seconds=timing.seconds * (row.steps // self.rungs[0]) / COPIES, spread=timing.spread)
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ Derivatives are differences, which compile and run faster; `fit` then converges 
 """
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int
 
+from .._checks.arguments import progress_line
 from .._xla.compiler import exact_jit
 from .measurements import Measurement
 from .parameters import Layout, placed
@@ -69,7 +69,6 @@ def minima_of(
     Two minima are the same if no number of `Parameter.compared` differs by more than 1 %.
     """
     problem = replace(problem.single(), differences=True)
-    shown = sys.stderr.isatty() if progress is None else progress
     values = starts
     windows = _windows(measurements, first_span)
     reached = [1] * len(jax.tree.leaves(starts)[0])
@@ -78,7 +77,7 @@ def minima_of(
         part = within(measurements, *window)
         last = k + 1 == len(windows)
         for looks in [_GLANCES] * (k == 0) + [_LAST_LOOKS if last else _LOOKS]:
-            values, losses = _improved(problem, layout.guess, part, values, looks, shown)
+            values, losses = _improved(problem, layout.guess, part, values, looks, progress)
             order, reached = _distinct(layout, values, losses, reached)
             order = order[: max(_LEAST, len(losses) // _KEPT)]
             values, losses = jax.tree.map(lambda x, o=order: x[o], values), losses[order]
@@ -106,21 +105,19 @@ def _windows(measurements: Sequence[Measurement], first_span: float | None) -> l
 
 
 def _improved(
-    problem: Problem, guess: Any, measurements: Any, values: Any, looks: int, shown: Any
+    problem: Problem, guess: Any, measurements: Any, values: Any, looks: int, progress: Any
 ) -> tuple[Any, np.ndarray]:
     """The values (s, ...) after so many steps, and their losses (s,), infinite where a run failed."""
     count, size = len(jax.tree.leaves(values)[0]), _BATCH.get(jax.default_backend(), 1024)
-    found: list[Any] = []
+    found, show = list[Any](), progress_line(progress)
     for first in range(0, count, size):
         chosen = np.minimum(np.arange(first, first + size), count - 1)  # always as many, for one program
         batch = jax.tree.map(lambda x, c=chosen: jnp.asarray(x[c]), values)
         found.append(jax.tree.map(np.asarray, _steps(problem, guess, measurements, batch, jnp.asarray(looks))))
-        if callable(shown):
-            shown(1)
-        elif shown:
-            best = min(float(np.min(losses)) for _, losses in found)
-            done = min(first + size, count)
-            print(f"\r\033[Kfit: {done} of {count} starts, chi-squared {best:.6g}", end="", file=sys.stderr, flush=True)
+        if callable(progress):
+            progress(1)
+        best = min(float(np.min(losses)) for _, losses in found)
+        show(f"fit: {min(first + size, count)} of {count} starts, chi-squared {best:.6g}")
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *found)
 
 

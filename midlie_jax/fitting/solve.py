@@ -9,7 +9,6 @@ The trust region follows N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4
 """
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from .._checks.arguments import described
+from .._checks.arguments import described, progress_line
 from .._xla.compiler import exact_jit
 from .estimate import Estimate, estimate_at, lengths_of
 from .instruments import of_which
@@ -316,7 +315,7 @@ def solved(
     """
     if plan.solver is not None:
         return jax.block_until_ready(_whole(plan, data.layout.guess, data.measurements))
-    shown = sys.stderr.isatty() if progress is None else progress
+    show = progress_line(progress)
     several, vectors, taken, search = plan.starts.shape[0] > 1, _starts(plan, data), np.zeros((), np.int32), None
     try:
         for problem, part in _stages(plan, data, ends):
@@ -324,19 +323,17 @@ def solved(
             search = _begin(several, problem, part, starts)
             while not np.all(search.finished) and np.max(search.steps) < plan.max_steps:
                 search = _look(several, problem, part, anchors, search)
-                if callable(shown):
-                    shown(1)
-                elif shown:
-                    step, loss = np.max(search.steps + taken), np.nanmin(np.append(search.loss, np.inf))
-                    print(f"\r\033[Kfit: step {step}, loss {loss:.6g}", end="", file=sys.stderr, flush=True)
+                if callable(progress):
+                    progress(1)
+                loss = np.nanmin(np.append(search.loss, np.inf))
+                show(f"fit: step {np.max(search.steps + taken)}, loss {loss:.6g}")
             vectors, taken = search.vector[:, : data.layout.size], taken + search.steps
         assert search is not None
         return jax.block_until_ready(
             _estimate(plan.absolute_sigma, plan.problem.loss, data, replace(search, steps=taken))
         )
     finally:
-        if shown is True:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        show("")
 
 
 # The programs get only the parts of the plan that they need, because a change of any other part would compile them
