@@ -177,7 +177,7 @@ MUTANTS = {
         "fitting/estimate.py", "dof = count - vector.size", "dof = count", "test_fit_result.py"
     ),
     "scattered rotations": Mutant(
-        "scattering/rotations.py",
+        "scattering/distributions.py",
         "return normal / jnp.sqrt(square).reshape(1)",
         "return normal / square.reshape(1)",
         "test_scatter.py",

@@ -6,7 +6,6 @@ numbers from them round, and XLA rounds differently in programs for other number
 through one compiled program, in blocks of one size; an incomplete block is padded.
 """
 
-from collections.abc import Iterator
 from functools import partial
 from hashlib import blake2b
 from operator import index
@@ -19,7 +18,7 @@ from jax import Array
 
 from .._checks.arguments import FLOATS, described, is_key, require_finite
 from .._math.components import is_traced
-from .base import Distribution
+from .distributions import Distribution
 
 _BLOCK = 1024  # bodies per call of the compiled program; a power of two, so vector instructions leave no remainder
 _MOST = 2**32  # the most bodies: indices have 32 bits
@@ -54,9 +53,11 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
         >>> start.momentum.shape, start.attitude.shape
         ((1000, 3), (1000, 4))
     """
+    for name, value in (("key", key), ("bodies", bodies)):
+        if is_traced(value):
+            raise ValueError(f"{name} is traced; call scatter outside jit, vmap and grad, and pass its result.")
     _check_key(key)
-    indices = _indices(bodies)
-    name_of_dtype = _dtype_name(dtype)
+    indices, name_of_dtype = _indices(bodies), _dtype_name(dtype)
     if not quantities:
         raise ValueError("scatter needs a quantity; pass one by name, such as weight=Normal(20.0, 0.5).")
     drawn: dict[str, Any] = {}
@@ -78,22 +79,18 @@ def _drawn(name: str, distribution: Distribution, key: Array, indices: np.ndarra
     for leaf in jax.tree.leaves(cast):
         require_finite(f"a parameter of {name} in {dtype}", leaf)
     cast = jax.tree.map(jnp.asarray, cast)  # once for all blocks
-    own = _key_of(key, name)
-    blocks = [_block(cast, own, block, dtype) for block in _blocks(indices)]
+    # Two words of a hash of the name, the same in every process.
+    for word in np.frombuffer(blake2b(name.encode(), digest_size=8).digest(), "<u4"):
+        key = jax.random.fold_in(key, int(word))
+    padded = np.zeros((max(-(-indices.size // _BLOCK), 1), _BLOCK), np.uint32)
+    padded.flat[: indices.size] = indices
+    blocks = [_block(cast, key, block, dtype) for block in padded]
     return jax.tree.map(lambda *parts: _joined(parts, indices.size), *blocks)
 
 
 @partial(jax.jit, static_argnames="dtype")
 def _block(distribution: Distribution, key: Array, indices: Array, dtype: str) -> Any:
     return jax.vmap(lambda body: distribution.draw(jax.random.fold_in(key, body), body, dtype))(indices)
-
-
-def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
-    """The indices in blocks of one size, at least one block; the last is filled up with index 0."""
-    count = max(-(-indices.size // _BLOCK), 1)
-    padded = np.zeros(count * _BLOCK, np.uint32)
-    padded[: indices.size] = indices
-    yield from padded.reshape(count, _BLOCK)
 
 
 def _joined(parts: tuple[Array, ...], count: int) -> Array:
@@ -103,16 +100,7 @@ def _joined(parts: tuple[Array, ...], count: int) -> Array:
     return jnp.asarray(np.concatenate([np.asarray(part) for part in parts])[:count])
 
 
-def _key_of(key: Array, name: str) -> Array:
-    """The key of a quantity: two words of a hash of its name, the same in every process, folded into the key."""
-    for word in np.frombuffer(blake2b(name.encode(), digest_size=8).digest(), "<u4"):
-        key = jax.random.fold_in(key, int(word))
-    return key
-
-
 def _check_key(key: Any) -> None:
-    if is_traced(key):
-        raise ValueError("key is traced; call scatter outside jit, vmap and grad, and pass its result.")
     if not is_key(key) or key.shape != ():
         raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
     if "threefry" not in str(jax.random.key_impl(key)):
@@ -123,8 +111,6 @@ def _check_key(key: Any) -> None:
 
 
 def _indices(bodies: Any) -> np.ndarray:
-    if is_traced(bodies):
-        raise ValueError("bodies is traced; call scatter outside jit, vmap and grad, and pass its result.")
     wanted = "bodies must be a positive number of bodies, or their indices as a range or integers (n,)"
     try:
         count = None if isinstance(bodies, (bool, np.bool_, Array)) else index(bodies)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -17,18 +18,8 @@ from .variables import MOST_IN_ATTRIBUTES, parameter, parameters
 ATTRIBUTE = "midlie_jax"  # the attribute of a store with the data for resuming
 _DICTS = "parameters", "versions", ATTRIBUTE
 _MAY_CHANGE = "title"
-_READ = {
-    "time",
-    "times",
-    "first_bad",
-    "ok",
-    "dt",
-    "t0",
-    "moments",
-    "momenta",
-    "attitudes",
-    ATTRIBUTE,
-}  # by `saved_path`
+# Read by `saved_path`.
+_READ = {"time", "times", "first_bad", "ok", "dt", "t0", "moments", "momenta", "attitudes", ATTRIBUTE}
 
 
 def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
@@ -57,12 +48,10 @@ def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """The versions of midlie_jax, jax and jaxlib, by the names of these packages."""
-    found: dict[str, str] = {}
-    for name in ("midlie_jax", "jax", "jaxlib"):
-        try:
+    found: dict[str, str] = dict.fromkeys(("midlie_jax", "jax", "jaxlib"), "not installed")
+    for name in found:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
     return found
 
 
@@ -79,12 +68,8 @@ def unfolded(attributes: dict[str, Any]) -> dict[str, Any]:
 def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
     """The user's attributes as strings, Python numbers, and lists of these; a later error would lose the run.
 
-    Args:
-        attributes: the argument of `simulate`, or None.
-        taken: the names of attributes and variables in the file.
-
-    Raises:
-        ValueError: a name is no string or is taken; a value is no string, number or list.
+    Raises a ValueError if a name is no string or is `taken` by an attribute or a variable of the file, or if a value is
+    no string, number or list.
     """
     if attributes is None:
         return {}

@@ -160,11 +160,6 @@ class Computation(NamedTuple):
         after = before._replace(carried=carried, first_bad=first_bad, steps=stop, seen=pieces)
         return self._with_series(part, after) if stop == plan.steps(part.span) else after
 
-    @property
-    def interval(self) -> Array:
-        """The time between two saved states of a run with one step for all bodies, ()."""
-        return jnp.asarray(self.batch.shared[3] * self.plan.save_every)
-
     def _series(self, group: int) -> Any:
         """The initial carry of a statistic over times for a group; None without such a statistic."""
         if not isinstance(self.observe, Series):

@@ -11,15 +11,17 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
+import numpy as np
 
 from .memory import Memory
 from .parts import Computation, Progress
 from .plan import Part
 from .store import Store
 
+R = TypeVar("R")
 _AHEAD = 2  # the most unfinished writes; with more, the computation waits for the first
 # A kill loses the work since the last complete write: 15 s plus the time of the next write. It loses at most half a
 # minute if no leg takes longer than planned, and no write takes longer than 15 s.
@@ -129,3 +131,30 @@ def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int
     shown["disable"] = None if progress is None else False  # None: unless stderr is a terminal
     with tqdm(total=total, initial=done, dynamic_ncols=True, **shown) as bar:
         yield bar.update
+
+
+def wait(name: str) -> None:
+    """Returns when all processes of the run have called it with this name; a single process does not wait."""
+    if jax.process_count() > 1:
+        from jax.experimental.multihost_utils import sync_global_devices
+
+        sync_global_devices(name)
+
+
+def all_succeed(work: Callable[[], R]) -> R:
+    """The result of `work`; raises in all processes if it raises in one, so that no process waits forever."""
+    if jax.process_count() == 1:
+        return work()
+    from jax.experimental.multihost_utils import process_allgather
+
+    result, error = None, None
+    try:
+        result = work()
+    except Exception as caught:  # raised below, after the other processes are informed
+        error = caught
+    failed = np.flatnonzero(process_allgather(np.array(error is not None)))
+    if error is not None:
+        raise error
+    if failed.size:
+        raise RuntimeError(f"process {failed[0]} of this run failed; its own message says why.")
+    return result  # pyright: ignore[reportReturnType]

@@ -74,13 +74,11 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
         raise ValueError(f"{source} must be a run that ends in .zarr or .npz.")
     if not source.exists():
         raise ValueError(f"there is no {source}; write one with midlie run --out, or midlie_jax.simulate.")
-    arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
+    arrays = _arrays(source)
     kind = _KINDS.get(str(arrays.get("state")), RigidState)
-    names = {
-        new: next((old for old in _NAMES.get(new, (new,)) if old in arrays), "") for new in (*_fields(kind), "times")
-    }
-    lacking = [new for new, old in names.items() if not old]
-    if lacking:
+    wanted = {new: _NAMES.get(new, (new,)) for new in (*_fields(kind), "times")}
+    names = {new: old for new, known in wanted.items() for old in reversed(known) if old in arrays}
+    if lacking := [new for new in wanted if new not in names]:
         raise ValueError(
             f"{source} holds no {' and no '.join(lacking)}; it must be a run of {kind.__name__}s, without observe=."
         )
@@ -110,8 +108,10 @@ def states_of(file: str | File) -> AnyState:
         OSError: the file cannot be read.
     """
     source = File(file)
-    arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
-    kind = _kinds().get(str(arrays.get("state")))
+    arrays = _arrays(source)
+    # Kinds of state by name, including user-defined kinds; a later class of the same name does not replace one.
+    kinds = {kind.__name__: kind for kind in reversed(classes_below(State))}
+    kind = kinds.get(str(arrays.get("state")))
     if kind is None or any(name not in arrays for name in _fields(kind)):
         raise ValueError(
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
@@ -133,12 +133,10 @@ def _fields(kind: type[Any]) -> list[str]:
     return [field.name for field in fields(kind)]
 
 
-def _kinds() -> dict[str, type[Any]]:
-    """The kinds of state by name, including user-defined kinds; a later class of the same name does not replace one."""
-    return {kind.__name__: kind for kind in reversed(classes_below(State))}
-
-
-def _of_file(source: File) -> Mapping[str, Any]:
+def _arrays(source: File) -> Mapping[str, Any]:
+    """The arrays of a file; for a store, those of its root, and the parameters in its attributes."""
+    if source.suffix.lower() == ".zarr":
+        return _of_store(source)
     try:
         with np.load(source, allow_pickle=False) as file:
             return dict(file)
@@ -147,7 +145,6 @@ def _of_file(source: File) -> Mapping[str, Any]:
 
 
 def _of_store(source: File) -> Mapping[str, Any]:
-    """The arrays of the root, and the parameters in its attributes."""
     try:
         import zarr
     except ImportError as error:
@@ -156,10 +153,9 @@ def _of_store(source: File) -> Mapping[str, Any]:
         root: Any = zarr.open_group(str(source), mode="r")
         found: dict[str, Any] = dict(root.arrays())
         said = unfolded(root.attrs.asdict())
-        parameters: Any = said["parameters"]
+        found |= {parameter(name): np.asarray(value) for name, value in said["parameters"].items()}
     except Exception as error:  # reading a damaged file can raise anything
         raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
-    found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}
     return found | {"title": said.get("title", source.name), "state": said.get("state")}
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.sharding import Mesh
@@ -27,12 +28,12 @@ from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
 from . import plan as cuts
-from . import processes, variables
+from . import variables
 from .attributes import attributes_of, checked_attributes
 from .identity import UNSEEN, differences, identity
 from .memory import Memory
 from .parts import Computation, Progress
-from .pipeline import compute_and_write, reported
+from .pipeline import all_succeed, compute_and_write, reported, wait
 from .plan import Plan
 from .store import Store, create, remedy
 from .summary import Simulation
@@ -134,7 +135,7 @@ def simulate(
     if isinstance(observe, Statistic):
         observe.check(1 + steps // save_every)
     seen = variables.seen_leaves(batch, observe)
-    existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
+    existing = all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # a resumed run is divided as before; a request for another division is rejected below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
@@ -214,8 +215,8 @@ def _store(
                 "began that run. A longer run starts from the carry of this one."
             )
 
-    processes.all_succeed(check_or_create)
-    return processes.all_succeed(lambda: existing or Store(path))
+    all_succeed(check_or_create)
+    return all_succeed(lambda: existing or Store(path))
 
 
 def _run(
@@ -240,14 +241,15 @@ def _run(
                 raise ValueError(f"{file.path} is damaged: {', '.join(damaged)}. {remedy(group)}")
 
     with ExitStack() as context:
-        processes.all_succeed(lambda: context.enter_context(file.writing()) if first else None)
-        processes.all_succeed(begin)
+        all_succeed(lambda: context.enter_context(file.writing()) if first else None)
+        all_succeed(begin)
         todo = [part for part in plan.parts(groups) if part.span >= groups[part.group].span]
         total = plan.work(plan.parts(groups))
         done = sum(plan.done(group, found.span, found.steps) for group, found in groups.items())
         with reported(progress, total, done) as written:
-            processes.all_succeed(lambda: compute_and_write(computation, todo, groups, file, written))
+            all_succeed(lambda: compute_and_write(computation, todo, groups, file, written))
         if isinstance(observe, Statistic) and first:
-            file.write_whole(variables.merged(observe, seen, file.read, computation.interval))
-        processes.wait(str(file.path))
+            interval = jnp.asarray(computation.batch.shared[3] * plan.save_every)
+            file.write_whole(variables.merged(observe, seen, file.read, interval))
+        wait(str(file.path))
         return file.first_bad, total - done, computation.carry(groups)

@@ -108,10 +108,8 @@ def merged_variables(batch: Batch, observe: Observe | None, seen: Any, plan: Pla
 def merged(observe: Statistic, seen: Any, read: Callable[[str], np.ndarray], interval: Array) -> Arrays:
     """The values of `merged_variables`, from the parts of the groups in a file.
 
-    Args:
-        seen: the pytree of the data of a part.
-        read: returns a variable of the file.
-        interval: the time between two saved states, ().
+    `seen` is the pytree of the data of a part, `read` returns a variable of the file, and `interval` is the time
+    between two saved states, ().
     """
     parts = [jnp.asarray(read(name)) for name in named(seen)]
     parts = [part[:, -1] for part in parts] if isinstance(observe, Series) else parts
