@@ -205,5 +205,5 @@ def test_segments_starts_and_spans_end_at_the_same_estimate(options):
 
 def test_a_span_that_is_none():
     for wrong in (0.0, -1.0, float("nan")):
-        with pytest.raises(ValueError, match="first_span must be a positive finite number"):
+        with pytest.raises(ValueError, match="first_span must be a positive finite"):
             try_fit(spin(), first_span=wrong)

@@ -24,7 +24,7 @@ from .noise import aliases_of
 from .parameters import Layout, placed
 from .problem import Data, Model, Problem
 from .report import Fit, UndeterminedError, message_of
-from .sampling import Closed, Grid, check_grid
+from .sampling import Closed, Grid, check_grid, require_positive
 from .search import Minimum, minima_of, starts_over
 from .solve import Plan, Solver, solved
 
@@ -193,7 +193,7 @@ def prepare(
         raise ValueError('dt must be a positive finite number, got None; only method="free_motion" needs none.')
     method = as_method("JACOBI[EA]" if free else method)
     for name, number in (("spread", spread), ("continuity", continuity)):
-        _require_positive(name, number)
+        require_positive(name, number)
     if solver is not None:
         require_function("solver", solver, "residuals, start, max_steps")
     starts, segments, max_steps = (
@@ -252,15 +252,10 @@ def _ends(first: Any, plan: Plan, data: Data) -> list[float]:
     """The ends of the time spans that are fitted before the fit of all measurements."""
     if first is None:
         return []
-    _require_positive("first_span", first)
+    require_positive("first_span", first)
     if plan.solver is not None:
         raise ValueError("first_span must be None if a solver is given, got both; leave out `solver`.")
     t0 = plan.problem.grid.t0
     span = max(float(np.max(m.times)) for m in data.measurements) - t0
     count = max(0, math.ceil(math.log2(span / first))) if span > first else 0
     return [t0 + first * 2**k for k in range(count)]
-
-
-def _require_positive(name: str, number: Any) -> None:
-    if not (isinstance(number, (int, float)) and math.isfinite(number) and number > 0):
-        raise ValueError(f"{name} must be a positive finite number, got {number!r}.")

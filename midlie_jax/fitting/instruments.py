@@ -22,7 +22,7 @@ from ..model.states import TravellingState, attitude_of
 from ..model.torques import Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
 from ..model.wrench import Wrench
 from .loss import Loss
-from .measurements import Expected, Measurement, Part, Recorded, Source, deviations, rows, source
+from .measurements import Expected, Measurement, Part, Recorded, Source, source
 
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is a series
 _GAUSS = 0.5 - math.sqrt(3) / 6  # the first of the two Gauss points on (0, 1)
@@ -86,13 +86,8 @@ class Attitudes(Recorded):
     """
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, clock: Part = None):
-        self.clock = source("clock", clock, ())
-        self.times, numbers, present = rows(times, values, (4,), whole=True)
-        # A missing row must still hold a rotation, because derivatives read it.
-        self.values = jnp.where(present, numbers, jnp.eye(4, dtype=numbers.dtype)[:1])
+        self._record(times, values, sigma, (4,), clock, angles=3)
         require("values", self.values, is_unit, "must be unit quaternions (w, x, y, z)", "divide each by its norm.")
-        self.present = present[:, :3]
-        self.sigma = deviations(sigma, self.values[:, :3])
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         del parameters, body
@@ -130,16 +125,14 @@ class Directions(Recorded):
     bias: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, reference: Any, bias: Part = None, clock: Part = None):
-        self.bias, self.clock = source("bias", bias, (3,)), source("clock", clock, ())
-        self.times, numbers, present = rows(times, values, (3,), whole=True)
-        numbers = jnp.where(present, numbers, jnp.eye(3, dtype=numbers.dtype)[:1])
-        self.values = _unit("values", numbers) if bias is None else numbers
-        self.present = present[:, :2]
-        self.sigma = deviations(sigma, self.values[:, :2])
+        self.bias = source("bias", bias, (3,))
+        self._record(times, values, sigma, (3,), clock, angles=2)
+        if bias is None:
+            self.values = _unit("values", self.values)
         if isinstance(reference, str) or callable(reference):
             self.reference = Source(reference, None)
             return
-        known = as_floats("reference", reference).astype(numbers.dtype)
+        known = as_floats("reference", reference).astype(self.values.dtype)
         if known.shape not in ((3,), (len(self.times), 3)):
             raise ValueError(f"reference must have shape (3,) or ({len(self.times)}, 3), got {known.shape}.")
         require_finite("reference", known)

@@ -131,10 +131,18 @@ class Recorded(Measurement):
     present: Bool[Array, "n ..."]
     clock: Source | None
 
-    def _record(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any) -> None:
-        """Checks and stores the arguments of an instrument, with values of this shape at each time."""
-        self.times, self.values, self.present = rows(times, values, shape)
-        self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
+    def _record(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any, angles: int = 0) -> None:
+        """Checks and stores the arguments of an instrument, with values of this shape at each time.
+
+        If the residuals are `angles`, so many for each value, a value is present or missing as a whole.
+        """
+        self.times, self.values, self.present = rows(times, values, shape, whole=angles > 0)
+        like = self.values
+        if angles:
+            # A missing row must still hold a rotation or direction, because derivatives read it.
+            self.values = jnp.where(self.present, self.values, jnp.eye(*shape, dtype=like.dtype)[:1])
+            self.present, like = self.present[:, :angles], like[:, :angles]
+        self.sigma, self.clock = deviations(sigma, like), source("clock", clock, ())
 
 
 class Expected(Recorded):

@@ -222,11 +222,10 @@ class Moments(Parameter):
         return logs[:2] - logs[2] if self.scale == "fixed" else logs
 
     def value(self, vector: Float[Array, " size"]) -> Array:
+        extents = jnp.exp(vector)
         if self.scale == "fixed":
-            extents = jnp.exp(jnp.concatenate([vector, jnp.zeros_like(vector[:1])]))
+            extents = jnp.append(extents, jnp.ones_like(vector[0]))
             extents = extents * (jnp.sum(self.initial) / 2 / jnp.sum(extents))
-        else:
-            extents = jnp.exp(vector)
         return jnp.sum(extents) - extents
 
     def unconstrained_labels(self) -> list[str]:
@@ -285,12 +284,8 @@ class InertiaTensor(Parameter):
         return jnp.concatenate([logs[1:] if self.scale == "fixed" else logs, below])
 
     def value(self, vector: Float[Array, " size"]) -> Array:
-        zero = jnp.zeros_like(vector[:1])
-        logs = jnp.concatenate([zero, vector[:2]]) if self.scale == "fixed" else vector[:3]
-        a, b, c = jnp.exp(logs)
-        d, e, f = vector[-3:]
-        o = zero[0]
-        factor = jnp.stack([jnp.stack([a, o, o]), jnp.stack([d, b, o]), jnp.stack([e, f, c])])
+        logs = jnp.append(jnp.zeros_like(vector[0]), vector[:2]) if self.scale == "fixed" else vector[:3]
+        factor = jnp.diag(jnp.exp(logs)).at[np.tril_indices(3, -1)].set(vector[-3:])
         second = factor @ factor.T
         if self.scale == "fixed":
             second = second * (jnp.trace(self.initial) / 2 / jnp.trace(second))

@@ -177,10 +177,14 @@ def states_at(
     return Path(times, states, jnp.all(ok) & jnp.all(paths.ok), first_bad)
 
 
+def require_positive(name: str, number: Any) -> None:
+    if not (isinstance(number, (int, float)) and math.isfinite(number) and number > 0):
+        raise ValueError(f"{name} must be a positive finite Python number, got {number!r}.")
+
+
 def check_grid(times: np.ndarray, dt: Any, t0: Any) -> None:
     """Raises a ValueError unless the step is positive and changes the time, and no time is before the initial one."""
-    if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt must be a positive finite Python number, got {dt!r}.")
+    require_positive("dt", dt)
     if not (isinstance(t0, (int, float)) and math.isfinite(t0)):
         raise ValueError(f"t0 must be a finite Python number, got {t0!r}.")
     if times.min() < t0:

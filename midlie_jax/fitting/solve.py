@@ -319,8 +319,7 @@ def solved(
     several, vectors, taken, search = plan.starts.shape[0] > 1, _starts(plan, data), np.zeros((), np.int32), None
     try:
         for problem, part in _stages(plan, data, ends):
-            anchors, starts = _enter(several, problem, part, vectors)
-            search = _begin(several, problem, part, starts)
+            anchors, search = _begin(several, problem, part, vectors)
             while not np.all(search.finished) and np.max(search.steps) < plan.max_steps:
                 search = _look(several, problem, part, anchors, search)
                 if callable(progress):
@@ -343,17 +342,12 @@ _estimate = exact_jit(_best)
 
 
 @exact_jit
-def _enter(several: bool, problem: Problem, data: Data, vectors: Array) -> tuple[Any, Array]:
-    def one(vector: Array) -> tuple[Any, Array]:
+def _begin(several: bool, problem: Problem, data: Data, vectors: Array) -> tuple[Any, Search]:
+    def one(vector: Array) -> tuple[Any, Search]:
         entered, start = _entered(problem, data, vector)
-        return entered.anchors, start
+        return entered.anchors, begin(problem, data, start)
 
     return _over_starts(several, one)(vectors)
-
-
-@exact_jit
-def _begin(several: bool, problem: Problem, data: Data, starts: Array) -> Search:
-    return _over_starts(several, lambda start: begin(problem, data, start))(starts)
 
 
 @exact_jit
