@@ -36,7 +36,7 @@ def measured(found, torque, duration):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("tolerance", "duration"), [(1e-5, 2.0), (1e-5, 20.0), (0.5, 2.0)])
+@pytest.mark.parametrize(("tolerance", "duration"), [(1e-5, 20.0), (0.5, 2.0)])
 def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration):
     """Over the whole duration asked for, with a step no finer than it must be: one half as long again misses."""
     found = ml.recommend(BODY, TOP, START, tolerance=tolerance, duration=duration)
@@ -221,9 +221,3 @@ def test_a_traced_argument_is_refused(name):
     what = "it is called within a function that is traced" if name == "none" else "an argument is traced"
     with pytest.raises(ValueError, match=f"recommend needs concrete numbers, but {what}; call it outside jit"):
         jax.jit(seconds)(1.0)
-
-
-def test_it_prints_in_a_line_what_to_take():
-    found = ml.advice.Recommendation("JACOBI[EA]", 0.125, 80, 2e-7, 3e-5, 10.0, "", ())
-    assert str(found) == "JACOBI[EA], dt 0.125, 80 steps: error 2e-07, 30 us a body; the best of 0 runs"
-    assert str(found._replace(note="It is stiff.")).splitlines()[1] == "It is stiff."

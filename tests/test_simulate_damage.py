@@ -58,7 +58,7 @@ def stored(request, tmp_path_factory):
 @pytest.mark.parametrize("how", DAMAGES)
 def test_damage_to_any_file_is_named(stored, how):
     """Zarr reads a missing file as numbers that are not yet computed; `inspect` alone names it."""
-    path, _, _ = stored
+    path, _, observed = stored
     for file in sorted(file for file in path.rglob("*") if file.is_file() and file.name != "zarr.json"):
         whole = file.read_bytes()
         damage(file, how)
@@ -68,6 +68,11 @@ def test_damage_to_any_file_is_named(stored, how):
                 assert found.done < found.total
             else:
                 assert len(found.damaged) == 1, file
+            if file.suffix == ".npz" and how != "no file":
+                with pytest.raises(
+                    ValueError, match=rf"{file.name} is damaged .*delete checkpoint/{file.name} and resume"
+                ):
+                    run(path, observed, resume=True)
             if how != "no file" and file.relative_to(path).parts[0] not in ("checkpoint", "parts"):
                 with pytest.raises(ValueError, match="checksum"):
                     xarray.open_zarr(path).load()

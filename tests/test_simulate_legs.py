@@ -14,7 +14,6 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import zarr
 from cases import whole
 from simulated import ATTITUDES, BODIES, MOMENTA, STEPS, simulated
 from test_simulate import CrashError, assert_same, cache, contents, finished, optimised, pulled, start_process
@@ -63,35 +62,12 @@ RUNS = {
         momenta=BAD,
         observe=ml.observe.Autocorrelation({"p": lambda t, s: s.momentum}, 11, centred=True),
     ),
-    "a statistic of few": partial(
-        simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, observe=ml.observe.Mean(lambda t, s: s.momentum)
-    ),
 }
-
-
-def arrays(path):
-    """All that a run wrote for its reader."""
-    root = zarr.open_group(path, mode="r")
-    places = [root, *(group for name, group in root.groups() if name == "parts")]
-    return {array.path: np.asarray(array[...]) for place in places for _, array in place.arrays()}
-
-
-def same(path, expected):
-    found = arrays(path)
-    assert found.keys() == expected.keys()
-    for name, values in found.items():
-        np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
 def in_a_part(path):
     """Whether a group has stopped in the middle of a part."""
     return any(np.load(file)["steps"] > 0 for file in path.glob("checkpoint/*.npz"))
-
-
-def late(monkeypatch):
-    """A checkpoint is written after each turn of the loop."""
-    monkeypatch.setattr(pipeline, "LEG", 0.0)
-    monkeypatch.setattr(pipeline, "KEPT", 0.0)
 
 
 class Clock:
@@ -114,7 +90,7 @@ def references(tmp_path_factory):
     def reference(name):
         if name not in found:
             RUNS[name](folder / f"{name}.zarr")
-            found[name] = arrays(folder / f"{name}.zarr")
+            found[name] = contents(folder / f"{name}.zarr")
         return found[name]
 
     return reference
@@ -148,7 +124,7 @@ def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, re
         assert found.done > done or found.done == found.total
         done, within = found.done, within + in_a_part(path)
     assert within > 0
-    same(path, expected)
+    assert_same(path, expected)
 
 
 @pytest.mark.sample(0)
@@ -172,7 +148,7 @@ def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("cut", [{"group": 50, "span": None, "save_every": 120}, {"group": 25, "span": 6}])
-@pytest.mark.parametrize("price", [1e-5, 0.1, 0.7, 4.0, 13.0])
+@pytest.mark.parametrize("price", [1e-5, 0.7, 13.0])
 def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
     """Unless two steps cost more; even if each write ends only when the next begins."""
     clock, compute, keep, ended = Clock(monkeypatch, lambda: 0.0), Computation.compute, Pace.kept, [0.0, 0.0]
@@ -202,9 +178,6 @@ def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price
     assert any(files) == (part > pipeline.KEPT + pipeline.LEG)  # a fast run writes its parts alone
 
 
-CHECKPOINT = "checkpoint/1.npz"
-
-
 def torn(file, **arrays):
     """As `numpy.savez`, but the process ends in the middle."""
     file.write(b"PK" * 500)
@@ -224,7 +197,8 @@ CRASHES = {"in the file": (np, "savez", torn), "before it is there": (Path, "rep
 @pytest.mark.parametrize("crash", CRASHES)
 def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch, references, crash):
     path, run = tmp_path / "run.zarr", RUNS["tops"]
-    late(monkeypatch)
+    monkeypatch.setattr(pipeline, "LEG", 0.0)  # a checkpoint is written after each turn of the loop
+    monkeypatch.setattr(pipeline, "KEPT", 0.0)
     with pytest.raises(CrashError):
         run(path, progress=stop_after(50))  # group 0 has 35 iterations in its first part
     before = ml.simulation.inspect(path)
@@ -235,37 +209,12 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, mo
     after = ml.simulation.inspect(path)
     assert (after.damaged, after.done) == ((), before.done)
     run(path, resume=True)
-    same(path, references("tops"))
+    assert_same(path, references("tops"))
     left = {file.name for file in (path / "checkpoint").iterdir()}
     assert left == {"zarr.json", *(f"{group}.npz" for group in range(4))}
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("place", ["start", "middle", "end", "half", "nothing"])
-def test_a_damaged_checkpoint_is_named_and_may_be_deleted(tmp_path, monkeypatch, references, place):
-    path, run = tmp_path / "run.zarr", RUNS["tops"]
-    with monkeypatch.context() as patch:
-        late(patch)
-        with pytest.raises(CrashError):
-            run(path, progress=stop_after(60))
-    file = path / CHECKPOINT
-    data = bytearray(file.read_bytes())
-    if place in ("half", "nothing"):
-        data = data[: len(data) // 2 if place == "half" else 0]
-    else:
-        data[{"start": 2, "middle": len(data) // 2, "end": len(data) - 6}[place]] ^= 1
-    file.write_bytes(data)
-    found = ml.simulation.inspect(path)
-    assert found.damaged == ("the checkpoint of group 1",)
-    assert found.done == 16 * 70
-    with pytest.raises(ValueError, match=r"1\.npz is damaged .*delete checkpoint/1\.npz and resume the run"):
-        run(path, resume=True)
-    file.unlink()
-    assert run(path, resume=True).computed == ALL - found.done
-    same(path, references("tops"))
-
-
-def test_ctrl_c_keeps_what_is_computed_of_a_part(tmp_path, monkeypatch):
+def test_ctrl_c_keeps_what_is_computed_of_a_part(tmp_path, monkeypatch, references):
     compute, path, taken = Computation.compute, tmp_path / "run.zarr", []
 
     def interrupted(self, part, before, steps, tables):
@@ -279,6 +228,8 @@ def test_ctrl_c_keeps_what_is_computed_of_a_part(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             simulated(path)
     assert ml.simulation.inspect(path).done == 16 * 50
+    assert simulated(path, resume=True).computed == ALL - 16 * 50
+    assert_same(path, references("tops"))
 
 
 @pytest.mark.sample(0)
@@ -317,6 +268,4 @@ def test_long_turns_make_the_same_steps(tmp_path, monkeypatch, references):
         run(tmp_path / "long.zarr")
     run = partial(simulated, save_every=80, span=3, group=17)
     run(tmp_path / "short.zarr")
-    one, other = contents(tmp_path / "long.zarr"), contents(tmp_path / "short.zarr")
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+    assert_same(tmp_path / "long.zarr", contents(tmp_path / "short.zarr"))
