@@ -1,7 +1,7 @@
 """`Photometry`: magnitudes of an asteroid from many nights, as a measurement for `midlie_jax.fit`."""
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, is_unit, require, require_finite, require_function
 from ..fitting.loss import Loss
-from ..fitting.measurements import Part, Recorded, deviations, rows, source
+from ..fitting.measurements import Part, Recorded, deviations, rows, source, with_arrays
 
 _REWEIGHTINGS = 10
 
@@ -115,9 +115,7 @@ class Photometry(Recorded):
         self.values = jnp.where(self.present, magnitudes - self.of_night @ self.means, 0.0)
         self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
         self.sun, self.observer = (_directions(name, x, count) for name, x in (("sun", sun), ("observer", observer)))
-        # The arrays of a function are arrays of the measurement; a plain function is static.
-        holds = isinstance(light, eqx.Module | jax.tree_util.Partial)
-        self.light = cast(Callable[..., Any], light if holds else jax.tree_util.Partial(light))
+        self.light = with_arrays(light)
 
     def differences(self, parameters: Any, body: Any, states: Any) -> Array:
         def magnitude(t: Array, state: Any, sun: Array, observer: Array) -> Array:

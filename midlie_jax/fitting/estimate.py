@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtri, stdtrit  # SciPy is a dependency of JAX
+from scipy.sparse.csgraph import connected_components  # SciPy is a dependency of JAX
+from scipy.special import ndtri, stdtrit
 
 from .loss import Loss
 from .noise import explained, remainders_of, within_sigmas
@@ -78,9 +79,8 @@ class Spectrum(NamedTuple):
     @property
     def condition(self) -> Float[Array, ""]:
         """The largest singular value over the smallest; infinite where the rank is not full."""
-        infinite = jnp.full_like(self.singular[0], jnp.inf)
-        last = jnp.where(self.determined[-1], self.singular[-1], jnp.ones_like(self.singular[-1]))
-        return jnp.where(self.determined[-1], self.singular[0] / last, infinite)
+        full, last = self.determined[-1], self.singular[-1]
+        return jnp.where(full, self.singular[0] / jnp.where(full, last, 1.0), jnp.inf)
 
     def covariance(self) -> Float[Array, "p p"]:
         """(J^T J)^-1 of the unconstrained numbers on the combinations that are determined; zero on the others."""
@@ -197,10 +197,8 @@ def estimate_at(
         result = jnp.where(holds, result, ended.code)
     coordinates = data.layout.coordinates(vector)
     half = quantile * jnp.sqrt(jnp.diagonal(covariance))
-    intervals, rms = (
-        jnp.stack([coordinates - half, coordinates + half], axis=-1),
-        jnp.sqrt(squares / count.astype(one.dtype)),
-    )
+    intervals = jnp.stack([coordinates - half, coordinates + half], axis=-1)
+    rms = jnp.sqrt(squares / count.astype(one.dtype))
     return Estimate(
         vector, values, coordinates, covariance, intervals, raw, rms, dof, quantile, unconstrained, spectrum, steps,
         converged & good, result, result == 0,
@@ -219,17 +217,9 @@ def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) ->
     null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
     changes = null / np.asarray(spectrum.lengths) / (np.ones(len(names)) if typical is None else np.asarray(typical))
     together = _linked(null) | _linked(changes)
-    groups: list[list[str]] = []
-    left = list(np.flatnonzero(np.diagonal(together)))
-    while left:
-        group, waiting = set[int](), {int(left[0])}
-        while waiting:
-            i = waiting.pop()
-            group.add(i)
-            waiting |= {int(k) for k in np.flatnonzero(together[i])} - group
-        groups.append([names[i] for i in sorted(group)])
-        left = [i for i in left if i not in group]
-    return groups
+    inside = np.flatnonzero(np.diagonal(together))
+    count, group = connected_components(together[np.ix_(inside, inside)], directed=False)
+    return [[names[i] for i in inside[group == k]] for k in range(count)]
 
 
 def _linked(vectors: np.ndarray) -> np.ndarray:

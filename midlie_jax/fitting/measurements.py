@@ -200,9 +200,7 @@ class Observed(Expected):
     def __init__(self, times: Any, values: Any, sigma: Any, function: Callable[..., Any] | Any, *, clock: Part = None):
         require_function("function", function, _ARGUMENTS)
         self._record(times, values, sigma, as_floats("values", values).shape[1:], clock)
-        # The arrays of a function are arrays of the measurement; a plain function is static.
-        holds = isinstance(function, eqx.Module | jax.tree_util.Partial)
-        self.function = cast(Callable[..., Any], function if holds else jax.tree_util.Partial(function))
+        self.function = with_arrays(function)
 
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
         return self, body, states
@@ -227,6 +225,12 @@ class Observed(Expected):
                 f"function must return {self.values.dtype}, as values are, got {found.dtype}; cast one of them, such "
                 "as the arrays that the function holds."
             )
+
+
+def with_arrays(function: Any) -> Callable[..., Any]:
+    """A function whose arrays, if it holds any, are arrays of the measurement; a plain function is static."""
+    holds = isinstance(function, eqx.Module | jax.tree_util.Partial)
+    return cast(Callable[..., Any], function if holds else jax.tree_util.Partial(function))
 
 
 def rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:

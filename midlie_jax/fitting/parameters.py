@@ -21,7 +21,6 @@ Scale = Literal["free", "fixed"]
 _NOT_FLAT = "must satisfy the strict triangle inequality"
 _CURE_OF_FLAT = "lower the largest moment below the sum of the others; a flat body is a limit."
 _MOST_DRAWS = 100
-_SMALL_TURN = 1e-4  # radians; below it, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 
 
@@ -388,12 +387,7 @@ class UnitVector(Parameter):
 
     def value(self, vector: Float[Array, " size"]) -> Array:
         guess, first, second = self._frame()
-        square = jnp.sum(vector**2)
-        small = square < _SMALL_TURN**2
-        angle = jnp.sqrt(jnp.where(small, jnp.ones_like(square), square))
-        share = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
-        along = jnp.where(small, 1 - square / 2, jnp.cos(angle))
-        return along * guess + share * (vector[0] * first + vector[1] * second)
+        return so3.rotate(so3.exp(jnp.cross(guess, vector[0] * first + vector[1] * second)), guess)
 
     def unconstrained_labels(self) -> list[str]:
         # The component that each number changes most, different for the two numbers.
