@@ -68,12 +68,17 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     assert json.loads(run.versions)["jax"] == jax.__version__
     assert json.loads(run.parameters) == {"dt": 0.05, "t0": 0.0}
     np.testing.assert_array_equal(run.parameter_body_moments, MOMENTS)
-    body = ml.RigidBody(jnp.asarray(MOMENTS))
-    torque = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_mgl.values))
-    start = ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0])
-    path = ml.ensemble("SYMMETRIC[EA]", body, torque, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
-    np.testing.assert_array_equal(path.states.momentum, run.momentum)
-    np.testing.assert_array_equal(path.states.attitude, run.attitude)
+    body, start = (
+        ml.RigidBody(jnp.asarray(MOMENTS)),
+        ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0]),
+    )
+    top = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_mgl.values))
+    # What all bodies share is computed for each span, under a field that goes round.
+    field = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
+    for torque, found in ((top, run), (field, simulated(tmp_path / "field.zarr", torque=field).open())):
+        path = ml.ensemble("SYMMETRIC[EA]", body, torque, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
+        np.testing.assert_array_equal(path.states.momentum, found.momentum)
+        np.testing.assert_array_equal(path.states.attitude, found.attitude)
     np.testing.assert_allclose(path.times, run.time, rtol=1e-15)
     with simulated(tmp_path / "run.npz").open() as file:
         for name in ("momentum", "attitude", "first_bad", "time"):
@@ -81,22 +86,8 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
         assert (str(file["method"]), int(file["steps"])) == ("SYMMETRIC[EA]", STEPS)
 
 
-@pytest.mark.sample(0)
-def test_what_all_bodies_share_is_computed_for_each_span(tmp_path):
-    """Under a field that goes round; the state with which a span begins lies on the mesh of the one before."""
-    field = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
-    result = simulated(tmp_path / "run.zarr", torque=field)
-    assert result.ok.all()
-    run = result.open()
-    body, start = ml.RigidBody(jnp.asarray(MOMENTS)), ml.RigidState(jnp.asarray(MOMENTA), run.attitude.values[:, 0])
-    path = ml.ensemble("SYMMETRIC[EA]", body, field, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
-    np.testing.assert_array_equal(path.states.momentum, run.momentum)
-    np.testing.assert_array_equal(path.states.attitude, run.attitude)
-
-
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("method", ["SYMMETRIC[EA]", "JACOBI[SRKN6b]", "RK4"])
-@pytest.mark.parametrize("suffix", ["zarr", "npz"])
+@pytest.mark.parametrize(("suffix", "method"), [("zarr", "SYMMETRIC[EA]"), ("npz", "JACOBI[SRKN6b]"), ("npz", "RK4")])
 def test_a_run_continued_from_a_carry_has_the_same_bits(tmp_path, suffix, method):
     """In `simulate` and `ensemble`, and after a complete run has been opened again; times and indices go on."""
     half = {"steps": STEPS // 2, "method": method}
@@ -260,20 +251,14 @@ def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
     ],
 )
 def test_another_run_is_refused(tmp_path, reference, changes, message):
-    simulated(tmp_path / "run.zarr")
-    with pytest.raises(ValueError, match=message):
-        simulated(tmp_path / "run.zarr", resume=True, **changes)
-    assert_same(tmp_path / "run.zarr", reference)
-
-
-@pytest.mark.sample(0)
-def test_another_version_is_refused(tmp_path):
+    """Also one of another version."""
     path = tmp_path / "run.zarr"
     simulated(path)
+    with pytest.raises(ValueError, match=message):
+        simulated(path, resume=True, **changes)
+    assert_same(path, reference)
     said = zarr.open_group(path, mode="r+").attrs
-    own = json.loads(said["midlie_jax"])
-    own["identity"]["jax"] = "0.0.1"
-    said["midlie_jax"] = json.dumps(own)
+    said["midlie_jax"] = said["midlie_jax"].replace(f'"jax": "{jax.__version__}"', '"jax": "0.0.1"')
     with pytest.raises(ValueError, match=f"jax was 0.0.1 and is now {jax.__version__}"):
         simulated(path, resume=True)
 
@@ -433,15 +418,15 @@ def test_the_commands(tmp_path, capsys):
     """A run of a scene into a store, its repetition, and a look at it; and what these refuse."""
     path, picture = tmp_path / "run.zarr", tmp_path / "run.png"
     run = "run", "P1", "--method", "SYMMETRIC[EA]", "--bodies", 3, "--steps", 40, "--out", path
-    code, text = said(capsys, *run, "--save-every", 10)
-    assert (code, "all bodies ok" in text) == (0, True)
-    code, text = said(capsys, *run, "--save-every", 10, "--resume")
-    assert (code, "computed now: 0 body-steps" in text) == (0, True)
-    code, text = said(capsys, *run, "--save-every", 10, "--resume", "--plot", picture)
-    assert (code, f"wrote {picture}" in text, picture.stat().st_size > 10_000) == (0, True, True)
-    picture.unlink()
-    code, text = said(capsys, "inspect", path, "--plot", picture)
-    assert (code, "complete" in text, picture.stat().st_size > 10_000) == (0, True, True)
+    resumed = *run, "--save-every", 10, "--resume"
+    for command, told in (
+        (resumed, "all bodies ok"),
+        ((*resumed, "--plot", picture), "computed now: 0 body-steps"),
+        (("inspect", path, "--plot", picture), "complete"),
+    ):
+        code, text = said(capsys, *command)
+        assert (code, told in text) == (0, True), text
+    assert picture.stat().st_size > 10_000
     assert re.search(r"energy error, largest relative, of all bodies: \d\.\d+e-\d+", text)
     for arguments, message in (
         (run, "exists; pass resume=True"),
