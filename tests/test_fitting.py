@@ -78,11 +78,6 @@ def measured(noise=0.0, seed=0):
     )
 
 
-def exact_guess():
-    kinds = {"moments": Moments, "weight": Positive, "attitude": UnitQuaternion}
-    return {name: kinds.get(name, Free)(value) for name, value in TRUTH.items()}
-
-
 @cache
 def plan(segments=1):
     return fitting.prepare(top, guess(), measured(), method=METHOD, dt=DT, segments=segments)
