@@ -88,10 +88,8 @@ def test_a_full_tensor_and_an_attitude_are_found_from_a_direction_that_changes()
     tensor = np.asarray(result.values["tensor"])
     np.testing.assert_allclose(tensor / np.trace(tensor), TENSOR / np.trace(TENSOR), rtol=0, atol=1e-7)
     np.testing.assert_allclose(result.values["rate"], rate, rtol=0, atol=1e-6)
-    assert (
-        np.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(jnp.asarray(attitude)), result.values["attitude"])))
-        < 1e-6
-    )
+    apart = ml.so3.multiply(ml.so3.conjugate(jnp.asarray(attitude)), result.values["attitude"])
+    assert np.linalg.norm(ml.so3.log(apart)) < 1e-6
 
 
 MOMENTS, RATE = np.array([1.0, 2.0, 2.5]), np.array([0.5, 0.3, 0.4])
@@ -142,7 +140,7 @@ def test_a_flat_body_is_a_limit_that_the_result_names():
 
 
 @pytest.mark.sample(0)
-def test_multiple_shooting_from_a_direction_finds_what_one_segment_finds():
+def test_multiple_shooting_from_a_direction_finds_the_weight():
     """Its segments start at increments of zero of momentum and direction."""
     times = jnp.linspace(0.05, 1.0, 20)
 
@@ -152,7 +150,6 @@ def test_multiple_shooting_from_a_direction_finds_what_one_segment_finds():
 
     path = ml.integrate(METHOD, *top({"weight": jnp.array(3.0)}), dt=0.05, steps=20)
     data = [Rates(times, np.asarray(path.states.momentum)[1:] / [2.0, 2.0, 1.0], 1e-3)]
-    for segments in (1, 2):
-        found = ml.fit(top, {"weight": Free(2.5)}, data, dt=0.05, method=METHOD, segments=segments, absolute_sigma=True)
-        assert found.ok
-        assert float(found.values["weight"]) == pytest.approx(3.0, abs=1e-5)
+    found = ml.fit(top, {"weight": Free(2.5)}, data, dt=0.05, method=METHOD, segments=2, absolute_sigma=True)
+    assert found.ok
+    assert float(found.values["weight"]) == pytest.approx(3.0, abs=1e-5)

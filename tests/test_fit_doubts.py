@@ -134,7 +134,6 @@ def test_speeds_that_no_free_body_has_are_not_taken_for_degrees():
     """Held, thrown and caught: the guess is the first row, and other rows are a hundred times as fast."""
     values = np.concatenate([0.05 * np.ones((10, 3)), 5 * np.ones((20, 3))])
     measured = fitting.Rates(np.arange(30.0), values, 0.1)
+    guess = {"p": fitting.Free([0.05, 0.1, 0.125])}
     with pytest.raises(ValueError, match=r"one free motion, got speeds from 0.0866 to 8.66. Fit only the rows"):
-        fitting.prepare(
-            lambda v: (BODY, None, ml.MomentumState(v["p"])), {"p": fitting.Free([0.05, 0.1, 0.125])}, measured, dt=0.1
-        )
+        fitting.prepare(lambda v: (BODY, None, ml.MomentumState(v["p"])), guess, measured, dt=0.1)

@@ -38,9 +38,8 @@ def test_the_brick_has_the_published_inertia():
     assert interval[0] < ratio < interval[1]
     # One noisy copy alone is fitted as among the hundred.
     many, copies = resampled()
-    alone = ml.fit(
-        published.free, published.brick_guess(), published.brick_data(copies[7]), method=METHOD, dt=published.BRICK_STEP
-    )
+    data, step = published.brick_data(copies[7]), published.BRICK_STEP
+    alone = ml.fit(published.free, published.brick_guess(), data, method=METHOD, dt=step)
     np.testing.assert_allclose(alone.coordinates, many.coordinates[7], rtol=1e-7)
     np.testing.assert_allclose(alone.intervals, many.intervals[7], rtol=1e-6)
     text = str(alone)

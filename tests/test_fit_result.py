@@ -64,9 +64,8 @@ def test_what_is_not_determined_is_named_and_nothing_is_lost():
 @pytest.mark.parametrize("absolute", [True, False])
 def test_a_misfit_is_reported_before_what_is_not_determined(absolute):
     """The third rate is 0.3, and the model says zero: no error, but a result with the values and the rms."""
-    found = ml.fit(
-        blind, {"rate": Free([0.1, 0.2, 0.3])}, spin(sigma=0.02), method="RK4", dt=1.0, absolute_sigma=absolute
-    )
+    guess, options = {"rate": Free([0.1, 0.2, 0.3])}, {"method": "RK4", "dt": 1.0}
+    found = ml.fit(blind, guess, spin(sigma=0.02), absolute_sigma=absolute, **options)
     assert found.result is Result.MISFIT
     assert not found.ok
     assert f"{found.rms:.3g}" in found.message
