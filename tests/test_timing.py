@@ -5,15 +5,10 @@ import os
 import time
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 
-import midlie_jax as ml
 from midlie_jax.advice import timing
-from midlie_jax.advice.program import Program
-from midlie_jax.advice.timing import Load, Stopwatch, Timing, timed
-from midlie_jax.cli import convergence, scenes
+from midlie_jax.advice.timing import Load, Stopwatch, Timing, timed, timed_in_turn
 
 
 class Machine:
@@ -40,44 +35,6 @@ def machine(monkeypatch):
     return made
 
 
-def test_a_while_of_slowness_is_seen_in_the_spread_of_all_and_in_the_median_of_none(machine, monkeypatch):
-    """While the second method is measured the processor itself is slow by half: its first five laps of a rung take
-    longer, those of the later rounds do not, and the median is one of these.
-    """
-    laps = []
-
-    def seen(row):
-        machine.slow = 1.5 if row.method == "LIEMID[E1]" and row.steps == 8 else 1.0
-        machine.slow = 1.5 if row.method == "LIEMID[E2]" and row.steps == 4 else machine.slow
-
-    monkeypatch.setattr(convergence, "_ROUND_SECONDS", math.inf)
-
-    class FakeProgram(Program):
-        """Without a body that moves: each lap is one reading of the clock."""
-
-        def __init__(self, method, scene, coarsest, copies):
-            self.method = method  # and nothing is compiled
-
-        def run(self, dt, steps):
-            laps.append(self.method.name)
-            return ml.RigidState(jnp.zeros((1, 3)), jnp.eye(1, 4)), jnp.array([True])
-
-    monkeypatch.setattr(convergence, "_program", FakeProgram)
-    reference = convergence.Reference(np.zeros(3), np.eye(3), "none", 0.0)
-    arguments = scenes.scene("P1"), ["LIEMID[E1]", "LIEMID[E2]"], [4, 8], reference
-    found, rounds = convergence.survey(*arguments, seen)
-    assert rounds == 3
-    turns = [name for i, name in enumerate(laps) if i == 0 or laps[i - 1] != name]
-    assert turns == ["LIEMID[E1]", "LIEMID[E2]"] * 3
-    first, second = ([row for row in found if row.method == name] for name in arguments[1])
-    for quiet, slow in zip(first, second, strict=True):
-        assert slow.seconds == quiet.seconds == pytest.approx(quiet.steps / 4 / convergence.COPIES)
-        assert quiet.spread == 0
-        assert slow.spread == pytest.approx(0.25)
-    alone = {row.steps: row.seconds for row in convergence.measure(*arguments)}
-    assert alone == {row.steps: row.seconds for row in first}
-
-
 def test_a_timing_is_the_median_and_half_the_middle_half():
     watch = Stopwatch()
     watch.laps = [10.0, 1.0, 2.0, 3.0, 4.0]
@@ -100,6 +57,20 @@ def test_the_first_of_many_runs_is_left_out(machine):
     result, found = timed(run, most=4, longest=0.5)
     assert (result, found.seconds) == (2, 6.0)
     assert timed(run, least=1, longest=0.5)[1].seconds == 1.0
+
+
+def test_runs_take_turns_so_that_a_while_of_slowness_changes_the_median_of_none(machine):
+    """While the second round is measured the processor is slow by half."""
+    turns = []
+
+    def run(name):
+        turns.append(name)
+        machine.slow = 1.5 if 2 < len(turns) <= 4 else 1.0
+        return name
+
+    found = timed_in_turn([lambda: run("a"), lambda: run("b")], least=6, most=6)
+    assert turns == ["a", "b"] * 6
+    assert [(result, timed.seconds) for result, timed in found] == [("a", 1.0), ("b", 1.0)]
 
 
 def test_the_clock_is_the_processors_on_the_cpu_and_the_walls_where_an_accelerator_works(machine, monkeypatch):
