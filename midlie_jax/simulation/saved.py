@@ -134,7 +134,7 @@ def _fields(kind: type[Any]) -> list[str]:
 
 
 def _arrays(source: File) -> Mapping[str, Any]:
-    """The arrays of a file; for a store, those of its root, and the parameters in its attributes."""
+    """The arrays of a file; for a store, the arrays of its root, and the parameters in its attributes."""
     if source.suffix.lower() == ".zarr":
         return _of_store(source)
     try:
