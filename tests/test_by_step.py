@@ -121,16 +121,23 @@ def test_held_controls_are_those_of_the_equations_of_motion():
     assert worst(np.concatenate(jax.tree.leaves(found.states)), y) < 1e-11
 
 
-GRADIENTS = ["RK4", "LIEMID[EA]", "JACOBI[SRKN6b]", "AKW", "SPIRAL"]
+ADJOINTS = {
+    "RK4": ml.Checkpointed(),
+    "LIEMID[EA]": ml.Reversible(),
+    "JACOBI[SRKN6b]": None,
+    "AKW": ml.Checkpointed(),
+    "SPIRAL": None,
+}
 
 
-@pytest.mark.parametrize("name", GRADIENTS)
+@pytest.mark.parametrize("name", ADJOINTS)
 @pytest.mark.sample(1)
 def test_the_gradient_with_respect_to_controls_is_exact(name):
     def cost(values):
         torque = ml.torques.Held(values, HOLD) + ml.torques.HeavyTop(0.7)
-        path = ml.integrate(name, body_of(), torque, start_of(), dt=HOLD, steps=INTERVALS, save_every=INTERVALS)
-        return path.states.attitude[-1] @ jnp.array([1.0, 2.0, 3.0, 4.0]) + jnp.sum(path.states.momentum[-1] ** 2)
+        run = {"dt": HOLD, "steps": INTERVALS, "save_every": INTERVALS, "adjoint": ADJOINTS[name]}
+        end = ml.integrate(name, body_of(), torque, start_of(), **run).states
+        return end.attitude[-1] @ jnp.array([1.0, 2.0, 3.0, 4.0]) + jnp.sum(end.momentum[-1] ** 2)
 
     ahead, step = RNG.normal(size=VALUES.shape), 1e-4
     both = quick(jax.vmap(jax.value_and_grad(cost)))
@@ -139,100 +146,39 @@ def test_the_gradient_with_respect_to_controls_is_exact(name):
     assert abs(float(jnp.vdot(gradients[2], ahead) / slope) - 1) < 1e-10
 
 
-# Execution paths. Each runs CONTROLS, and returns the states at the ends of the intervals.
-CONTROLS = ml.torques.Held(VALUES, HOLD) + ml.torques.Pulses([0.31, 0.33], 0.01, [0.0, 2.0, 0.0])
-RUN = {"dt": HOLD / PARTS, "steps": STEPS}
+RUN = {"dt": HOLD / PARTS, "steps": STEPS, "save_every": None}
 
 
-def last(states):
-    return jax.tree.map(lambda x: x[-1], states)
+@pytest.mark.parametrize("name", ["LIEMID[EA]", "AKW"])
+@pytest.mark.sample(1)
+def test_steps_backwards_and_by_a_density_of_one_are_the_same(name):
+    """The ends of steps by a density are those of the clock of a run to rounding alone."""
+    torque = ml.torques.Held(VALUES, HOLD) + ml.torques.Pulses([0.31, 0.33], 0.01, [0.0, 2.0, 0.0])
+    end = ml.integrate(name, body_of(), torque, start_of(), **RUN).states
+    density = {"density": lambda t, state: jnp.ones_like(t)}
+    other = ml.integrate_variable_step(name, body_of(), torque, start_of(), **RUN, **density).states
+    back = {**RUN, "dt": -RUN["dt"], "first_step": -STEPS}
+    back = ml.integrate(name, body_of(), torque, end, **back).states
+    for found, expected in ((other, end), (back, start_of())):
+        assert max(map(worst, jax.tree.leaves(found), jax.tree.leaves(expected))) < 1e-14
 
 
-def one_of_three(states):
-    return jax.tree.map(lambda x: x[1], states)
-
-
-def three(start):
+def rows_of(start):
     return jax.tree.map(lambda x: jnp.stack([2 * x if x.shape == (3,) else x, x, x]), start)
 
 
-def by_diffrax(name, **options):
-    import diffrax
-
-    times = jnp.asarray(RUN["dt"] * np.arange(STEPS + 1))
-    term, solver = ml.diffrax.RigidBodyTerm(body_of(), CONTROLS), ml.diffrax.LieSolver(name)
-    options = {"stepsize_controller": diffrax.StepTo(ts=times), "max_steps": STEPS} | options
-    return last(diffrax.diffeqsolve(term, solver, times[0], times[-1], None, start_of(), **options).ys)
-
-
-def of_rows():
-    _, pulses = CONTROLS.terms
-    pushes = jnp.asarray(RNG.normal(size=(3, 3))).at[1].set(pulses.torque)
-    values = jnp.asarray(RNG.normal(size=(3, *VALUES.shape))).at[1].set(VALUES)
-    return ml.torques.Sum(ml.torques.Held(values, HOLD), ml.torques.Pulses([0.31, 0.33], [0.01, 0.01], pushes))
-
-
-def backwards(name):
-    """To the end and back again."""
-    run = {**RUN, "save_every": None}
-    end = ml.integrate(name, body_of(), CONTROLS, start_of(), **run).states
-    run |= {"dt": -RUN["dt"], "first_step": -STEPS}
-    back = ml.integrate(name, body_of(), CONTROLS, end, **run).states
-    assert max(map(worst, jax.tree.leaves(back), jax.tree.leaves(start_of()))) < 1e-14
-    return end
-
-
-def adaptively(name):
-    """With a density of one: constant steps, whose ends are not those of the clock of a run, to rounding."""
-    run = {**RUN, "density": lambda t, state: jnp.ones_like(t), "save_every": None}
-    return ml.integrate_variable_step(name, body_of(), CONTROLS, start_of(), **run).states
-
-
-def in_parts(name, folder):
-    start, run = three(start_of()), {**RUN, "save_every": 2, "out": folder / "run.npz", "span": 2, "progress": False}
-    return one_of_three(jax.tree.map(lambda x: x[:, -1], ml.simulate(name, body_of(), CONTROLS, start, **run).states()))
-
-
-PATHS = {
-    "at the end": lambda name, _: ml.integrate(name, body_of(), CONTROLS, start_of(), **RUN, save_every=None).states,
-    "shared by all": lambda name, _: one_of_three(
-        ml.ensemble(name, body_of(), CONTROLS, three(start_of()), **RUN).states
-    ),
-    "one row for each": lambda name, _: one_of_three(
-        ml.ensemble(name, body_of(), of_rows(), three(start_of()), **RUN, chunk=2).states
-    ),
-    "backwards": lambda name, _: backwards(name),
-    "adaptive": lambda name, _: adaptively(name),
-    "LieSolver": lambda name, _: by_diffrax(name),
-    "simulate": in_parts,
-}
-
-
-@cache
-def reference(name):
-    path = ml.integrate(name, body_of(), CONTROLS, start_of(), **RUN)
-    assert path.ok
-    return last(path.states)
-
-
-@pytest.mark.parametrize("path", PATHS)
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "AKW"])
-@pytest.mark.sample(1)
-def test_every_driver_takes_the_same_steps(path, name, tmp_path):
-    found = PATHS[path](name, tmp_path)
-    for one, other in zip(*map(jax.tree.leaves, (found, reference(name))), strict=True):
-        assert worst(one, other) < 1e-14
-
-
-@pytest.mark.parametrize("adjoint", [ml.Forward(), ml.Reversible()])
 @pytest.mark.sample(0)
-def test_every_adjoint_differentiates_the_controls(adjoint):
-    def end(values, adjoint):
-        torque, run = ml.torques.Held(values, HOLD), {**RUN, "save_every": STEPS, "adjoint": adjoint}
-        return ml.integrate("LIEMID[EA]", body_of(), torque, start_of(), **run).states.momentum[-1, 0]
+def test_controls_of_each_body_are_its_own():
+    values, pushes = RNG.normal(size=(3, *VALUES.shape)), RNG.normal(size=(3, 3))
 
-    found = (jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad)(end)(jnp.asarray(VALUES), adjoint)
-    assert worst(found, jax.grad(end)(jnp.asarray(VALUES), ml.Checkpointed())) < 1e-13
+    def torque(values, push, width):
+        return ml.torques.Held(values, HOLD) + ml.torques.Pulses([0.31, 0.33], width, push)
+
+    given = {**RUN, "chunk": 2}
+    all_ = torque(values, pushes, [0.01, 0.01])
+    ends = ml.ensemble("LIEMID[EA]", body_of(), all_, rows_of(start_of()), **given).states
+    one = ml.integrate("LIEMID[EA]", body_of(), torque(values[1], pushes[1], 0.01), start_of(), **RUN).states
+    assert worst(ends.momentum[1], one.momentum) < 1e-14
 
 
 @pytest.mark.sample(0)
@@ -373,6 +319,6 @@ def test_a_step_longer_than_an_interval_is_refused():
     with pytest.raises(ValueError, match=r"dt must be at most the interval of .*Held, 0\.1, got 0\.11"):
         ml.integrate("LIEMID[EA]", body_of(), held, start_of(), **run)
     with pytest.raises(ValueError, match="dt must be at most the interval"):
-        ml.ensemble("LIEMID[EA]", body_of(), held, three(start_of()), **run)
+        ml.ensemble("LIEMID[EA]", body_of(), held, rows_of(start_of()), **run)
     path = jax.jit(lambda dt: ml.integrate("LIEMID[EA]", body_of(), held, start_of(), dt=dt, steps=1))(0.11)
     assert not path.ok
