@@ -286,10 +286,7 @@ WRONG = {
         QUATERNIONS.replace("CENTER_NAME", "CENTRE_NAME", 1),
         "line 10: .*did you mean 'CENTER_NAME'",
     ),
-    "a word twice": (
-        QUATERNIONS.replace("CENTER_NAME ", "OBJECT_ID ", 1),
-        "line 10: OBJECT_ID occurs a second time",
-    ),
+    "a word twice": (QUATERNIONS.replace("CENTER_NAME ", "OBJECT_ID ", 1), "line 10: OBJECT_ID occurs a second time"),
     "a word without a value": (QUATERNIONS.replace("1996-062A", "", 1), "line 9: OBJECT_ID has no value"),
     "a time system": (QUATERNIONS.replace("= UTC", "= MET", 1), "line 13: TIME_SYSTEM: unknown time system 'MET'"),
     "a type of version 1": (QUATERNIONS.replace("= QUATERNION", "= QUATERNION/RATE", 1), "unknown ATTITUDE_TYPE"),
@@ -308,10 +305,7 @@ WRONG = {
         "line 24: the quaternion must have length 1 to 0.001",
     ),
     "no epoch": (QUATERNIONS.replace(FIRST, "28.11.1996 0.56748"), "line 24: the epoch must be an epoch such as"),
-    "no day": (
-        QUATERNIONS.replace("11-28T22:08:03", "11-31T22:08:03"),
-        "line 25: the epoch must be an existing date",
-    ),
+    "no day": (QUATERNIONS.replace("11-28T22:08:03", "11-31T22:08:03"), "line 25: the epoch must be an existing date"),
     "not ascending": (QUATERNIONS.replace("28T22:08:04", "28T22:08:03"), "line 26: epochs must ascend"),
     "before the start": (
         QUATERNIONS.replace(FIRST, "1996-11-28T21:29:07.2554 0.56748"),

@@ -1,6 +1,4 @@
-"""The gravity of rigid bodies on each other: published end states, direct sums, conservation, derivatives, a fit."""
-
-from functools import partial
+"""The gravity of rigid bodies on each other: published end states, direct sums, conservation, derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -9,26 +7,25 @@ import pytest
 from cases import benchmark, quick
 
 import midlie_jax as ml
-from midlie_jax import fitting
 
 didymos = benchmark("laboratory.didymos")
 DAY = didymos.DAY
 
 
+STEP = {"JACOBI[SRKN14a]": 200.0, "GBS12": 300.0, "JACOBI[SRKN6b]": 30.0}
+# The error of the last of these methods grows with the time.
+KNOWN = [(case, name) for case in didymos.ENDS for name in STEP if case[2] <= DAY or name != "JACOBI[SRKN6b]"]
+
+
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("method", ["JACOBI[SRKN14a]", "GBS12", "JACOBI[SRKN6b]"])
-@pytest.mark.parametrize("case", list(didymos.ENDS), ids=lambda case: f"{case[0]}-{case[1]}-{case[2]:g}")
+@pytest.mark.parametrize(("case", "method"), KNOWN)
 def test_the_known_end_states(case, method):
     """To 1e-10; after 30 days, when a change of the start has grown a million times, to 1e-8."""
     kind, degree, duration = case
-    dt = {"JACOBI[SRKN14a]": 200.0, "GBS12": 300.0, "JACOBI[SRKN6b]": 30.0}[method]
-    torque, steps = ml.asteroids.MutualGravity(didymos.G, degree=degree), round(duration / dt)
-    path = ml.integrate(
-        method, didymos.BODY, torque, didymos.start(kind), dt=duration / steps, steps=steps, save_every=None
-    )
+    torque, steps = ml.asteroids.MutualGravity(didymos.G, degree=degree), round(duration / STEP[method])
+    run = {"dt": duration / steps, "steps": steps, "save_every": None}
+    path = ml.integrate(method, didymos.BODY, torque, didymos.start(kind), **run)
     found = didymos.errors(path.states, didymos.ENDS[case])
-    if method == "JACOBI[SRKN6b]" and duration > DAY:
-        pytest.skip("its error grows with the time")
     assert path.ok
     assert max(found.values()) < (1e-8 if duration > DAY else 1e-10), found
 
@@ -41,9 +38,8 @@ def test_what_is_conserved_of_the_known_case():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("years", [0.2, 10])
-def test_energy_is_bounded_and_the_momenta_are_kept_to_rounding(years):
-    torque, dt = ml.asteroids.MutualGravity(didymos.G), 600.0
+def test_energy_is_bounded_and_the_momenta_are_kept_to_rounding():
+    torque, dt, years = ml.asteroids.MutualGravity(didymos.G), 600.0, 0.2
     steps = round(years * 365.25 * DAY / dt / 200) * 200
     path = ml.integrate(
         "JACOBI[SRKN6b]", didymos.BODY, torque, didymos.start(), dt=dt, steps=steps, save_every=steps // 200
@@ -160,7 +156,7 @@ def test_an_ellipsoid_has_the_moments_of_its_integral():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize("adjoint", [ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
 def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
     degree = 4 if isinstance(adjoint, ml.Forward) else 2
     torque, start = ml.asteroids.MutualGravity(didymos.G, degree=degree), didymos.start()
@@ -182,67 +178,33 @@ def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
         np.testing.assert_allclose(found[:, i, j], slope, rtol=1e-5, atol=1e-8)
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("seed", [0])
-def test_a_fit_finds_the_moments_of_a_moon_from_its_libration(seed):
-    """From attitudes every half hour for two days, to 0.002 radians; the intervals hold the moments."""
-    torque, spin = ml.asteroids.MutualGravity(didymos.G), didymos.SPINS[1] * jnp.array([0, 0.05, 1])
+gravity, START = ml.asteroids.MutualGravity, didymos.start()
+MANY = ml.CoupledState(*(jnp.tile(x, (5, 1)) for x in jax.tree.leaves(START)))
+FREE, ROTOR = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0), ml.FreeBody(ml.SymmetricRotor(1.0), 1.0)
 
-    def model(values):
-        moments = jnp.stack([jnp.asarray(didymos.MOMENTS[0]), values["moments"]])
-        body, start = ml.FreeBody(ml.RigidBody(moments), jnp.asarray(didymos.MASSES)), didymos.start()
-        momentum = jnp.stack([start.momentum[0], values["moments"] * values["rate"]])
-        return body, torque, ml.CoupledState(momentum, start.attitude, start.linear, start.position)
 
-    truth = {"moments": jnp.asarray(didymos.MOMENTS[1]), "rate": spin}
-    path = ml.integrate("JACOBI[SRKN6b]", *model(truth), dt=300.0, steps=576, save_every=6)
-    noise = jnp.asarray(2e-3 * np.random.default_rng(seed).normal(size=(96, 3)))
-    seen = ml.so3.multiply(path.states.attitude[1:, 1], ml.so3.exp(noise))
-    guess = {
-        "moments": fitting.Moments(np.array(didymos.MOMENTS[1]) * [1.1, 0.95, 1.05]),
-        "rate": fitting.Free(np.array(spin) + didymos.SPINS[1] * np.array([0, 0.01, 0.02])),
-    }
-    measured = fitting.OfBody(1, fitting.Attitudes(path.times[1:], seen, sigma=2e-3))
-    fit = ml.fit(model, guess, measured, method="JACOBI[SRKN6b]", dt=300.0)
-    assert fit.ok
-    low, high = fit.intervals[:3].T
-    assert np.all((low < didymos.MOMENTS[1]) & (didymos.MOMENTS[1] < high))
-    assert np.all((high - low) / didymos.MOMENTS[1] < 0.02)
+def go(torque, body=didymos.BODY, start=START, method="JACOBI[EA]"):
+    return ml.integrate(method, body, torque, start, dt=1.0, steps=1)
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("call", "message"),
     [
-        (lambda: ml.asteroids.MutualGravity(1.0, degree=5), "degree must be one of"),
-        (lambda: ml.asteroids.MutualGravity(-1.0), "G must be positive"),
-        (lambda: ml.asteroids.MutualGravity(1.0, third=np.zeros((2, 3, 3, 3))), "degree=2 does not use them"),
-        (lambda: ml.asteroids.MutualGravity(1.0, degree=3), "needs the moments of degree 3"),
-        (lambda: ml.asteroids.MutualGravity(1.0, degree=4, fourth=np.zeros((3, 3, 3, 3))), "must be"),
-        (
-            lambda: ml.asteroids.MutualGravity(1.0, degree=3, third=np.arange(54.0).reshape(2, 3, 3, 3)),
-            "sym",
-        ),
+        (lambda: gravity(1.0, degree=5), "degree must be one of"),
+        (lambda: gravity(-1.0), "G must be positive"),
+        (lambda: gravity(1.0, third=np.zeros((2, 3, 3, 3))), "degree=2 does not use them"),
+        (lambda: gravity(1.0, degree=3), "needs the moments of degree 3"),
+        (lambda: gravity(1.0, degree=4, fourth=np.zeros((3, 3, 3, 3))), "must be"),
+        (lambda: gravity(1.0, degree=3, third=np.arange(54.0).reshape(2, 3, 3, 3)), "sym"),
+        (lambda: go(gravity(1.0), jax.tree.map(lambda x: x[0], didymos.BODY), START.of_body(0)), "on a CoupledState"),
+        (lambda: go(gravity(1.0, degree=3, third=np.zeros((3, 3, 3, 3)))), "moments of 2 bodies"),
+        (lambda: go(gravity(1.0), FREE, MANY), "2 to 8 bodies"),
+        (lambda: go(gravity(1.0), ROTOR, ml.CoupledFreeAxisState.of(START), "SYMMETRIC[EA]"), "CoupledFreeAxisState"),
     ],
 )
-def test_bad_input_is_refused(make, message):
+def test_what_is_refused(call, message):
     with pytest.raises(ValueError, match=message):
-        make()
-
-
-def test_what_it_cannot_act_on_is_refused():
-    torque, body, start = ml.asteroids.MutualGravity(1.0), didymos.BODY, didymos.start()
-    run = partial(ml.integrate, "JACOBI[EA]", dt=1.0, steps=1)
-    one = jax.tree.map(lambda x: x[0], body)
-    with pytest.raises(ValueError, match="acts on a CoupledState"):
-        run(one, torque, start.of_body(0))
-    with pytest.raises(ValueError, match="moments of 2 bodies"):
-        run(body, ml.asteroids.MutualGravity(1.0, degree=3, third=np.zeros((3, 3, 3, 3))), start)
-    many = ml.CoupledState(*(jnp.tile(x, (5, 1)) for x in jax.tree.leaves(start)))
-    with pytest.raises(ValueError, match="2 to 8 bodies"):
-        run(ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0), torque, many)
-    axes = ml.CoupledFreeAxisState.of(start)
-    with pytest.raises(ValueError, match="CoupledFreeAxisState"):
-        ml.integrate("SYMMETRIC[EA]", ml.FreeBody(ml.SymmetricRotor(1.0), 1.0), torque, axes, dt=1.0, steps=1)
+        call()
 
 
 @pytest.mark.sample(0)
@@ -256,46 +218,3 @@ def test_near_contact_the_force_is_as_short_as_published(degree, short):
     state = ml.CoupledState(still, upright, still, jnp.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]))
     force = ml.asteroids.MutualGravity(1.0, degree=degree).on(pair)(0.0, state).force[0, 0]
     assert 1 - float(force) / 0.09241893 == pytest.approx(short, abs=5e-4)
-
-
-@pytest.mark.sample(0)
-def test_moments_of_a_polyhedron_give_the_force_of_its_points():
-    """Of two tetrahedra, each also as 15 points of mass that have its moments up to degree 5."""
-    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]])
-    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    body, surface = ml.Surface(vertices, faces).principal(1.0)
-    third, fourth = (jnp.stack([surface.moments(d, 1.0)] * 2) for d in (3, 4))
-    pair = ml.FreeBody(ml.RigidBody(jnp.stack([body.moments] * 2)), jnp.full(2, surface.mass(1.0)))
-    # The rule of P. Keast, Comput. Methods Appl. Mech. Eng. 55 (1986) 339.
-    corners = np.asarray(surface.corners)
-    points, weights = keast()
-    own = points @ np.unique(np.round(corners.reshape(-1, 3), 9), axis=0)
-    mass = weights * float(surface.mass(1.0))
-    apart = np.array([60.0, -20.0, 30.0])
-    way = own[None] + apart - own[:, None]
-    forces = mass[:, None] * mass * np.linalg.norm(way, axis=-1) ** -3
-    exact = np.einsum("ij,ijk->k", forces, way)
-    still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
-    state = ml.CoupledState(still, upright, still, jnp.stack([jnp.zeros(3), jnp.asarray(apart)]))
-    errors = []
-    for degree in (2, 4):
-        moments = {"third": third, "fourth": fourth} if degree == 4 else {}
-        wrench = ml.asteroids.MutualGravity(1.0, degree=degree, **moments).on(pair)(0.0, state)
-        errors.append(np.linalg.norm(wrench.force[0] - exact) / np.linalg.norm(exact))
-    assert errors[1] < 1e-6
-    assert errors[1] < errors[0] / 30
-
-
-def keast():
-    """Points and weights on the reference tetrahedron, 15 of them, exact to degree 5."""
-    root = np.sqrt(15)
-    rows = [([0.25] * 4, 16 / 135)]
-    for sign in (1, -1):
-        a = (7 + sign * root) / 34
-        rows += [(np.roll([1 - 3 * a, a, a, a], k), (2665 - sign * 14 * root) / 37800) for k in range(4)]
-    b = (10 - 2 * root) / 40
-    for i, j in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
-        point = np.full(4, b)
-        point[[i, j]] = 0.5 - b
-        rows.append((point, 10 / 189))
-    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
