@@ -48,6 +48,29 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     return array
 
 
+def as_finite(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
+    """`as_floats` of finite numbers."""
+    array = as_floats(name, value, shape)
+    require_finite(name, array)
+    return array
+
+
+def as_positive(
+    name: str, value: Any, shape: tuple[int, ...] | None = None, *, cure: str = "check its units."
+) -> Array:
+    """`as_floats` of positive, finite numbers."""
+    array = as_floats(name, value, shape)
+    require(name, array, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", cure)
+    return array
+
+
+def as_not_negative(name: str, value: Any, *, cure: str = "check its units.") -> Array:
+    """`as_floats` of finite numbers that are at least 0."""
+    array = as_floats(name, value)
+    require(name, array, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", cure)
+    return array
+
+
 def _require_held(name: str, value: Any, array: Array) -> None:
     """Raises if the largest of the numbers becomes infinite in float32, or is below all normal numbers."""
     if is_traced(array):

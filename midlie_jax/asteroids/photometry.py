@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, is_unit, require, require_finite, require_function
+from .._checks.arguments import as_finite, as_floats, is_unit, require, require_function
 from ..fitting.loss import Loss
 from ..fitting.measurements import Part, Recorded, deviations, rows, source, with_arrays
 
@@ -147,9 +147,8 @@ class Photometry(Recorded):
 
 
 def _directions(name: str, value: Any, count: int) -> Array:
-    array = as_floats(name, value)
+    array = as_finite(name, value)
     if array.shape not in ((3,), (count, 3)):
         raise ValueError(f"{name} must have shape (3,) or ({count}, 3), got {array.shape}.")
-    require_finite(name, array)
     require(name, array, is_unit, "must be unit vectors", "divide each by its norm.")
     return jnp.broadcast_to(array, (count, 3))

@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from .._checks.arguments import as_floats, require, require_finite, shown
+from .._checks.arguments import as_finite, as_floats, as_positive, require, shown
 from .._math import components as cp
 from .._math.complete import amplitude, complete, fraction_of
 from .._math.powers import unit as power_of_two
@@ -188,14 +188,9 @@ def tumbling(
         raise ValueError(f"body must be a RigidBody or a TensorBody, got {type(body).__name__}.")
     if axis not in _MODES:
         raise ValueError(f'axis must be "short" or "long", got {shown(axis)}.')
-    precession, rotation = (
-        as_floats(name, value)
-        for name, value in (("precession_period", precession_period), ("rotation_period", rotation_period))
-    )
-    for name, value in (("precession_period", precession), ("rotation_period", rotation)):
-        require(name, value, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "give its magnitude.")
-    pole = as_floats("pole", pole, (3,))
-    require_finite("pole", pole)
+    precession = as_positive("precession_period", precession_period, cure="give its magnitude.")
+    rotation = as_positive("rotation_period", rotation_period, cure="give its magnitude.")
+    pole = as_finite("pole", pole, (3,))
     require("pole", jnp.sum(pole**2, axis=-1), lambda x: x > 0, "must not be zero", "give a direction.")
     if not isinstance(phases, tuple) or len(phases) != 2:
         raise ValueError(f"phases must be a tuple (s, phi), got {shown(phases)}.")

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, is_unit, require, require_finite
+from .._checks.arguments import as_finite, as_floats, as_positive, is_unit, require
 from .._math import components as cp
 from .._xla.fusion import begin, fuse
 from ..model.state import AnyState, Time
@@ -90,15 +90,10 @@ class Rod(Torque):
     def __init__(
         self, length: Any, stretch: Any, bend: Any, *, strain: Any = None, curvature: Any = None, clamp: Any = None
     ):
-        self.length = as_floats("length", length)
-        self.stretch, self.bend = as_floats("stretch", stretch, (3,)), as_floats("bend", bend, (3,))
-        for name, value in (("length", self.length), ("stretch", self.stretch), ("bend", self.bend)):
-            require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
-        self.strain = None if strain is None else as_floats("strain", strain, (3,))
-        self.curvature = None if curvature is None else as_floats("curvature", curvature, (3,))
-        for name, value in (("strain", self.strain), ("curvature", self.curvature)):
-            if value is not None:
-                require_finite(name, value)
+        self.length = as_positive("length", length)
+        self.stretch, self.bend = as_positive("stretch", stretch, (3,)), as_positive("bend", bend, (3,))
+        self.strain = None if strain is None else as_finite("strain", strain, (3,))
+        self.curvature = None if curvature is None else as_finite("curvature", curvature, (3,))
         self.clamp = None if clamp is None else _frame(clamp)
 
     def __call__(self, t: Time, state: AnyState) -> Wrench:
@@ -141,8 +136,7 @@ class Rod(Torque):
 def _frame(clamp: Any) -> tuple[Array, Array]:
     if not isinstance(clamp, tuple | list) or len(clamp) != 2:
         raise ValueError("clamp must be None or (place, attitude), a vector (3,) and a unit quaternion (4,).")
-    place, attitude = as_floats("clamp[0]", clamp[0], (3,)), as_floats("clamp[1]", clamp[1], (4,))
-    require_finite("clamp[0]", place)
+    place, attitude = as_finite("clamp[0]", clamp[0], (3,)), as_floats("clamp[1]", clamp[1], (4,))
     require("clamp[1]", attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
     return place, attitude
 

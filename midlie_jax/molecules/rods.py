@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks.arguments import as_count, as_floats, is_unit, require
+from .._checks.arguments import as_count, as_floats, as_positive, is_unit, require
 from ..model import so3
 from ..model.bodies import RigidBody
 from ..model.free_body import FreeBody
@@ -92,12 +92,9 @@ def straight_rod(
         ((10, 3), Array([0., 0., 1.], dtype=float64))
     """
     count = as_count("elements", elements)
-    modulus = as_floats("youngs_modulus", youngs_modulus)
-    shear = modulus / (2 * (1 + _POISSON)) if shear_modulus is None else as_floats("shear_modulus", shear_modulus)
-    whole, thick, heavy = as_floats("length", length), as_floats("radius", radius), as_floats("density", density)
-    sizes = {"length": whole, "radius": thick, "density": heavy, "youngs_modulus": modulus, "shear_modulus": shear}
-    for name, value in sizes.items():
-        require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+    modulus = as_positive("youngs_modulus", youngs_modulus)
+    shear = modulus / (2 * (1 + _POISSON)) if shear_modulus is None else as_positive("shear_modulus", shear_modulus)
+    whole, thick, heavy = as_positive("length", length), as_positive("radius", radius), as_positive("density", density)
     place, along, across = (
         as_floats(name, value, (3,)) for name, value in (("start", start), ("direction", direction), ("normal", normal))
     )

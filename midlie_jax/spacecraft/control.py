@@ -11,14 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import (
-    as_floats,
-    is_unit,
-    require,
-    require_finite,
-    require_function,
-    vector_at,
-)
+from .._checks.arguments import as_finite, as_floats, is_unit, require, require_function, vector_at
 from .._math import components as cp
 from ..model import so3
 from ..model.state import AnyState, Time
@@ -120,8 +113,7 @@ class MomentumWheels(ReadsVelocity):
     momentum: Float[Array, "*batch 3"]
 
     def __init__(self, momentum: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        require_finite("momentum", self.momentum)
+        self.momentum = as_finite("momentum", momentum, (3,))
 
     def check(self, state: AnyState) -> None:
         super().check(state)

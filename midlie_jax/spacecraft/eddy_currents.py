@@ -7,7 +7,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, as_function_of_time, require, require_finite
+from .._checks.arguments import as_finite, as_function_of_time, require
 from .._math import components as cp
 from ..model.bodies import is_symmetric, read_as_tensor
 from ..model.state import AnyState, Time
@@ -43,9 +43,8 @@ class EddyCurrents(ReadsVelocity):
     field: Float[Array, "*batch 3"] | Callable[[Any], Array]
 
     def __init__(self, tensor: Any, field: Any):
-        self.tensor = as_floats("tensor", tensor)
+        self.tensor = as_finite("tensor", tensor)
         self.field = as_function_of_time("field", field)
-        require_finite("tensor", self.tensor)
         shape = self.tensor.shape
         if shape not in ((), (3,), (3, 3)) and shape[-1:] != (3,):
             raise ValueError(f"tensor must be (), (3,) or (3, 3), got {shape}.")

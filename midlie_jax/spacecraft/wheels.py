@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_count, as_floats, require, require_finite
+from .._checks.arguments import as_count, as_finite, as_not_negative, require
 from .._math import components as cp
 from ..drivers.stepper import Carry, Stepper
 from ..model import so3
@@ -66,21 +66,13 @@ class DrivenWheels(eqx.Module):
     inertia: Float[Array, "*n"] | None
 
     def __init__(self, axes: Any, torque: Any = None, momentum: Any = None, friction: Any = None, inertia: Any = None):
-        axes = as_floats("axes", axes, (3,))
-        require_finite("axes", axes)
+        axes = as_finite("axes", axes, (3,))
         if axes.ndim != 2:
             raise ValueError(f"axes must have shape (n, 3), one row for each wheel, got {axes.shape}.")
         require("axes", axes, lambda x: np.any(x != 0, axis=-1), "must not be zero", "give a direction for each wheel.")
         self.axes = axes / jnp.linalg.norm(axes, axis=-1, keepdims=True)
-        self.torque, self.momentum, self.friction, self.inertia = (
-            self._of_wheels(name, value)
-            for name, value in (
-                ("torque", torque),
-                ("momentum", momentum),
-                ("friction", friction),
-                ("inertia", inertia),
-            )
-        )
+        self.torque, self.momentum = self._of_wheels("torque", torque), self._of_wheels("momentum", momentum)
+        self.friction, self.inertia = self._of_wheels("friction", friction), self._of_wheels("inertia", inertia)
         if (self.friction is None) != (self.inertia is None):
             raise ValueError("friction and inertia must be given together: friction acts on the spin of a wheel.")
         if self.inertia is not None:
@@ -159,10 +151,9 @@ class DrivenWheels(eqx.Module):
     def _of_wheels(self, name: str, value: Any) -> Array | None:
         if value is None:
             return None
-        value = as_floats(name, value)
+        value = as_not_negative(name, value, cure="pass its size.")
         if value.shape not in ((), self.axes.shape[:1]):
             raise ValueError(f"{name} must have shape () or {self.axes.shape[:1]}, got {value.shape}.")
-        require(name, value, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "pass its size.")
         return value
 
     def _one_each(self, name: str, value: Any, dtype: Any) -> Array:

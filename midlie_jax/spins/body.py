@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, require
+from .._checks.arguments import as_finite, as_not_negative, described
 from .._math import components as cp
 from ..model.bodies import Body
 
@@ -54,16 +54,8 @@ class Spins(Body):
 
     def __init__(self, damping: Any = 0.0, gyromagnetic: Any = 1.0, sublattices: Any = None):
         none = isinstance(damping, int | float) and damping == 0
-        self.damping = None if none else as_floats("damping", damping)
-        self.gyromagnetic = as_floats("gyromagnetic", gyromagnetic)
-        require(
-            "damping",
-            0.0 if self.damping is None else self.damping,
-            lambda a: np.isfinite(a) & (a >= 0),
-            "must be finite and not negative",
-            "check its sign.",
-        )
-        require("gyromagnetic", self.gyromagnetic, np.isfinite, "must be finite", "check its units.")
+        self.damping = None if none else as_not_negative("damping", damping, cure="check its sign.")
+        self.gyromagnetic = as_finite("gyromagnetic", gyromagnetic)
         self.sublattices, self.count = None, None
         if sublattices is not None:
             self.sublattices, self.count = _labels(sublattices)

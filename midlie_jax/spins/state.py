@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, is_unit, require, require_finite
+from .._checks.arguments import as_finite, is_unit, require
 from .._math import components as cp
 from .._xla.fusion import split
 from ..model.bodies import Body
@@ -100,8 +100,7 @@ class SpinState(State):
     constant_steps: ClassVar[str | None] = "spins"
 
     def __init__(self, spin: Any):
-        self.spin = as_floats("spin", spin, (3,))
-        require_finite("spin", self.spin)
+        self.spin = as_finite("spin", spin, (3,))
         require(
             "spin",
             self.spin,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, Int
 
-from ..._checks.arguments import as_floats, described, require_finite
+from ..._checks.arguments import as_finite, described
 from .observables import Observable, as_observable
 
 
@@ -167,8 +167,7 @@ class Histogram(Statistic):
 
     def __init__(self, observable: Any, edges: Any):
         self.observable = observable
-        self.edges = as_floats("edges", edges)
-        require_finite("edges", self.edges)
+        self.edges = as_finite("edges", edges)
         if self.edges.ndim != 1 or len(self.edges) < 2 or not bool(jnp.all(jnp.diff(self.edges) > 0)):
             raise ValueError(f"edges must be at least two increasing numbers, got {described(edges)}.")
 

@@ -7,7 +7,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require, require_finite, require_rows, shown
+from ..._checks.arguments import as_finite, as_positive, require_rows, shown
 from ..._math import components as cp
 from ..._math.powers import unit
 from .base import Orbit
@@ -44,14 +44,9 @@ class CircularOrbit(Orbit):
     rate: Float[Array, "*batch"]
 
     def __init__(self, position: Any, direction: Any, mu: Any):
-        self.position = as_floats("position", position, (3,))
-        direction = as_floats("direction", direction, (3,))
-        require_finite("position", self.position)
-        require_finite("direction", direction)
-        mu = as_floats("mu", mu)
-        require(
-            "mu", mu, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its sign and units."
-        )
+        self.position = as_finite("position", position, (3,))
+        direction = as_finite("direction", direction, (3,))
+        mu = as_positive("mu", mu)
         require_rows(
             "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the position."
         )

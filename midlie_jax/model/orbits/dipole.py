@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite, vector_at
+from ..._checks.arguments import as_finite, vector_at
 from ..._math import components as cp
 
 
@@ -48,13 +48,9 @@ class DipoleField(eqx.Module):
 
     def __init__(self, orbit: Callable[[Any], Array], moment: Any, constant: Any = 1e-7, turning: Any = None):
         self.orbit = orbit
-        self.moment = as_floats("moment", moment, (3,))
-        self.constant = as_floats("constant", constant)
-        self.turning = None if turning is None else as_floats("turning", turning)
-        require_finite("moment", self.moment)
-        require_finite("constant", self.constant)
-        if self.turning is not None:
-            require_finite("turning", self.turning)
+        self.moment = as_finite("moment", moment, (3,))
+        self.constant = as_finite("constant", constant)
+        self.turning = None if turning is None else as_finite("turning", turning)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         position, moment = cp.vector(vector_at("orbit", self.orbit, t)), self._moment_at(t)

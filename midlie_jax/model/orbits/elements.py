@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..._checks.arguments import as_floats, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, require
 from ..._math import components as cp
 
 _SIZES = ("periapsis", "semi_major_axis", "semi_latus_rectum")
@@ -51,11 +51,9 @@ def of_elements(
     else:
         time = place
     inclination, node, argument = (
-        as_floats(name, value)
+        as_finite(name, value)
         for name, value in zip(("inclination", "ascending_node", "argument_of_periapsis"), angles, strict=True)
     )
-    for name, value in (("inclination", inclination), ("ascending_node", node), ("argument_of_periapsis", argument)):
-        require_finite(name, value)
     radians = "give radians, for example by np.deg2rad."
     require("inclination", inclination, _is_inclination, "must be between 0 and pi", radians)
     for name, value in (("ascending_node", node), ("argument_of_periapsis", argument)):
@@ -96,6 +94,4 @@ def _only_one(names: tuple[str, ...], values: tuple[Any, ...], what: str) -> tup
     if len(given) != 1:
         got = " and ".join(name for name, _ in given) or "none"
         raise ValueError(f"exactly one of {', '.join(names)} must set {what}, got {got}; give one.")
-    name, value = given[0][0], as_floats(*given[0])
-    require_finite(name, value)
-    return name, value
+    return given[0][0], as_finite(*given[0])

@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, as_positive
 from ..._math import components as cp
 from ..._math import universal
 from ..._math.universal import Place
@@ -58,13 +58,9 @@ class KeplerOrbit(Orbit):
     epoch: Float[Array, "*batch"]
 
     def __init__(self, position: Any, velocity: Any, mu: Any, epoch: Any = 0.0):
-        self.position = as_floats("position", position, (3,))
-        self.velocity = as_floats("velocity", velocity, (3,))
-        self.mu = as_floats("mu", mu)
-        self.epoch = as_floats("epoch", epoch).astype(self.position.dtype)
-        for name in ("position", "velocity", "epoch"):
-            require_finite(name, getattr(self, name))
-        require("mu", self.mu, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its units.")
+        self.position = as_finite("position", position, (3,))
+        self.velocity = as_finite("velocity", velocity, (3,))
+        self.mu, self.epoch = as_positive("mu", mu), as_finite("epoch", epoch).astype(self.position.dtype)
         if not cp.is_traced(self.position, self.velocity):
             areas = np.cross(np.asarray(self.position), np.asarray(self.velocity))
             if not np.all(np.any(areas != 0, axis=-1)):

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require, require_finite, shown
+from ..._checks.arguments import as_finite, as_not_negative, as_positive, shown
 from ..._math import components as cp
 from ..._xla.fusion import split
 from ..state import Time
@@ -84,9 +84,7 @@ class Held(ByStep):
 
     def __init__(self, values: Any, dt: Any, t0: Any = 0.0):
         self.values = _rows("values", values, 2)
-        self.dt, self.t0 = as_floats("dt", dt), as_floats("t0", t0)
-        require("dt", self.dt, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
-        require_finite("t0", self.t0)
+        self.dt, self.t0 = as_positive("dt", dt), as_finite("t0", t0)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
         del state
@@ -150,13 +148,9 @@ class Pulses(ByStep):
     torque: Any
 
     def __init__(self, starts: Any, width: Any, torque: Any):
-        self.starts, self.width = as_floats("starts", starts), as_floats("width", width)
+        self.starts, self.width = as_finite("starts", starts), as_not_negative("width", width)
         if self.starts.ndim == 0:
             raise ValueError(f"starts must be an array of times (P,), got {shown(starts)}; write [{shown(starts)}].")
-        require_finite("starts", self.starts)
-        require(
-            "width", self.width, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units."
-        )
         self.torque = _rows("torque", torque, 1)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
@@ -236,9 +230,7 @@ def _slack(place: Array) -> Array:
 def _rows(name: str, value: Any, axes: int) -> Any:
     if isinstance(value, Wrench):
         return Wrench(_rows(name, value.torque, axes), _rows(name, value.force, axes))
-    array = _vectors(name, as_floats(name, value), axes)
-    require_finite(name, array)
-    return array
+    return _vectors(name, as_finite(name, value), axes)
 
 
 def _vectors(name: str, array: Array, axes: int) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, vector_at
+from ..._checks.arguments import as_finite, as_function_of_time, is_unit, require, vector_at
 from ..._math import components as cp
 from ..state import AnyState, Time
 from .base import Torque
@@ -36,8 +36,7 @@ class HeavyTop(Torque):
     axis: tuple[float, float, float] = eqx.field(static=True)
 
     def __init__(self, mgl: Any, axis: Any = (0.0, 0.0, 1.0)):
-        self.mgl = as_floats("mgl", mgl)
-        require_finite("mgl", self.mgl)
+        self.mgl = as_finite("mgl", mgl)
         if np.shape(axis) != (3,):
             raise ValueError(f"axis must have shape (3,), got {np.shape(axis)}.")
         self.axis = (float(axis[0]), float(axis[1]), float(axis[2]))
@@ -103,8 +102,7 @@ class DipoleInField(Torque):
     field: Float[Array, "*batch 3"] | Callable[[Any], Array]
 
     def __init__(self, moment: Any, field: Any):
-        self.moment = as_floats("moment", moment, (3,))
-        require_finite("moment", self.moment)
+        self.moment = as_finite("moment", moment, (3,))
         self.field = as_function_of_time("field", field)
 
     def check(self, state: AnyState) -> None:
