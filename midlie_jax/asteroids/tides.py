@@ -6,18 +6,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, vector_at
+from .._checks.arguments import as_not_negative, as_positive, vector_at
 from .._math import components as cp
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time
 from ..model.torques.fields import require_all_directions
 from ..model.torques.reads_body import ReadsBody
-from ..model.torques.travel import travelling
+from ..model.torques.travel import G_TIMES_MASS, travelling
 from ..model.wrench import Wrench
 from .mutual_gravity import require_coupled
 
@@ -52,9 +51,7 @@ class SolarTide(ReadsBody):
     mu: Float[Array, "*batch"]
 
     def __init__(self, orbit: Orbit | Callable[[Any], Array], mu: Any):
-        self.orbit, self.mu = orbit, as_floats("mu", mu)
-        mass = "pass G times the attracting mass."
-        require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
+        self.orbit, self.mu = orbit, as_positive("mu", mu, cure=G_TIMES_MASS)
         check_units(orbit, self.mu)
 
     @property
@@ -123,13 +120,8 @@ class TidalDissipation(ReadsBody):
     radius: Float[Array, "*batch"]
 
     def __init__(self, G: Any, lag: Any, radius: Any):
-        self.G = as_floats("G", G)  # pyright: ignore[reportConstantRedefinition]
-        self.lag, self.radius = as_floats("lag", lag), as_floats("radius", radius)
-        for name, value in (("G", self.G), ("radius", self.radius)):
-            require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
-        require(
-            "lag", self.lag, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "0 is elastic."
-        )
+        self.G = as_positive("G", G)  # pyright: ignore[reportConstantRedefinition]
+        self.lag, self.radius = as_not_negative("lag", lag, cure="0 is elastic."), as_positive("radius", radius)
 
     @property
     def velocity_dependent(self) -> bool:

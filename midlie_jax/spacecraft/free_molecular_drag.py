@@ -9,22 +9,19 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, as_function_of_time, require
+from .._checks.arguments import as_not_negative, as_positive
 from .._math import components as cp
 from .._xla.rows import sum_over_rows
 from ..model.facets import as_amount, as_fractions, as_lit_surface, lit, of_facets, unshadowed, with_horizon
 from ..model.state import AnyState, Time
 from ..model.surface import Surface
-from ..model.torques.base import Torque
-from ..model.torques.fields import to_body_components
-from ..model.torques.reads_body import ReadsBody
-from ..model.torques.travel import through_air, travelling
+from ..model.torques.travel import InAir, through_air, travelling
 from ..model.wrench import Wrench
 
 _ROOT_OF_PI = float(np.sqrt(np.pi))
 
 
-class FreeMolecularDrag(ReadsBody):
+class FreeMolecularDrag(InAir):
     """Drag and lift of a thin gas on a surface, such as a satellite; molecules are re-emitted diffusely.
 
     With v the velocity of the body relative to the gas, n the normal of a facet of area A, w = n . v, c the thermal
@@ -69,8 +66,6 @@ class FreeMolecularDrag(ReadsBody):
 
     surface: Surface
     density: Float[Array, "*batch"] | Callable[[Any], Array]
-    velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
-    wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
     accommodation: Float[Array, "*batch"]
     wall_speed: Float[Array, "*batch"]
     thermal_speed: Float[Array, "*batch"] | None
@@ -87,30 +82,14 @@ class FreeMolecularDrag(ReadsBody):
         thermal_speed: Any = None,
     ):
         self.surface, self.density = as_lit_surface(surface), as_amount("density", density)
-        self.velocity = None if velocity is None else as_function_of_time("velocity", velocity)
-        self.wind = None if wind is None else as_function_of_time("wind", wind)
-        if self.velocity is not None and self.wind is not None:
-            raise ValueError("velocity is relative to the gas: give velocity or wind, not both.")
+        self._set_flow(velocity, wind)
         self.accommodation = as_fractions("accommodation", accommodation)
-        self.wall_speed = as_floats("wall_speed", wall_speed)
-        positive = "must be finite and not negative"
-        require("wall_speed", self.wall_speed, lambda v: np.isfinite(v) & (v >= 0), positive, "check its units.")
-        self.thermal_speed = None if thermal_speed is None else as_floats("thermal_speed", thermal_speed)
-        if self.thermal_speed is not None:
-            cure = "leave it out for a cold gas."
-            require("thermal_speed", self.thermal_speed, lambda c: np.isfinite(c) & (c > 0), "must be positive", cure)
+        self.wall_speed, self.thermal_speed = as_not_negative("wall_speed", wall_speed), None
+        if thermal_speed is not None:
+            self.thermal_speed = as_positive("thermal_speed", thermal_speed, cure="leave it out for a cold gas.")
 
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.velocity is None
-
-    def on(self, body: Any) -> Torque:
-        return super().on(body) if self.velocity is None else self
-
-    def __call__(self, t: Time, state: AnyState) -> Any:
-        if self.velocity is None:
-            return super().__call__(t, state)
-        return cp.pack(self._load(t, to_body_components("velocity", self.velocity, t, state))[0])
+    def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
+        return self._load(t, velocity)[0]
 
     def at(self, t: Time, state: AnyState, body: Any) -> Any:
         state, body = travelling(self, state, body)

@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, vector_at
+from .._checks.arguments import as_positive, vector_at
 from .._math import components as cp
 from ..model.bodies import RigidBody, TensorBody
 from ..model.orbits import Orbit
@@ -17,6 +16,7 @@ from ..model.state import AnyState, Time
 from ..model.torques.base import Torque
 from ..model.torques.fields import require_all_directions
 from ..model.torques.reads_body import ReadsBody
+from ..model.torques.travel import G_TIMES_MASS
 
 
 class GravityGradient(ReadsBody):
@@ -54,9 +54,7 @@ class GravityGradient(ReadsBody):
     def __init__(self, moments: Any, orbit: Orbit | Callable[[Any], Array], mu: Any):
         self.moments = None if moments is None else RigidBody(moments, physical=False).moments
         self.orbit = orbit
-        self.mu = as_floats("mu", mu)
-        mass = "pass G times the attracting mass."
-        require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
+        self.mu = as_positive("mu", mu, cure=G_TIMES_MASS)
         check_units(orbit, self.mu)
 
     def on(self, body: Any) -> Torque:

@@ -3,7 +3,6 @@
 Reference: P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapter 8 (environment).
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,31 +10,23 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import (
-    as_floats,
-    as_function_of_time,
-    require,
-    require_finite,
-)
+from ..._checks.arguments import as_finite, as_not_negative
 from ..._math import components as cp
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
-from .base import Torque
-from .fields import to_body_components
-from .reads_body import ReadsBody, ReadsVelocity, angular_velocity_of, knows_axis_alone
-from .travel import through_air, travelling
+from .reads_body import ReadsVelocity, angular_velocity_of, knows_axis_alone
+from .travel import InAir, through_air, travelling
 
 
 def as_gain(name: str, value: Any) -> Array:
-    gain = as_floats(name, value)
+    gain = as_not_negative(name, value, cure="pass its magnitude.")
     if gain.ndim and gain.shape[-1] != 3:
         raise ValueError(
             f"{name} must be a number or have shape (3,), got {gain.shape}. For one number per body write "
             f"jnp.tile({name}[:, None], (1, 3))."
         )
-    require(name, gain, lambda g: np.isfinite(g) & (g >= 0), "must be finite and not negative", "pass its magnitude.")
     return gain
 
 
@@ -84,7 +75,7 @@ class Damping(ReadsVelocity):
         return -cp.pack(cp.add(cp.scale(across, velocity), cp.scale(along, axis)))
 
 
-class Drag(ReadsBody):
+class Drag(InAir):
     """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
 
     This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
@@ -113,36 +104,18 @@ class Drag(ReadsBody):
     lever: Float[Array, "*batch 3"]
     area: Float[Array, "*batch"]
     density: Float[Array, "*batch"]
-    velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
-    wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
 
     def __init__(self, lever: Any, area: Any, density: Any, velocity: Any = None, *, wind: Any = None):
-        self.lever = as_floats("lever", lever, (3,))
-        require_finite("lever", self.lever)
-        self.area, self.density = as_floats("area", area), as_floats("density", density)
-        for name, value in (("area", self.area), ("density", self.density)):
-            require(name, value, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units.")
-        self.velocity = None if velocity is None else as_function_of_time("velocity", velocity)
-        self.wind = None if wind is None else as_function_of_time("wind", wind)
-        if self.velocity is not None and self.wind is not None:
-            raise ValueError("velocity is relative to the air: give velocity or wind, not both.")
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.velocity is None
+        self.lever = as_finite("lever", lever, (3,))
+        self.area, self.density = as_not_negative("area", area), as_not_negative("density", density)
+        self._set_flow(velocity, wind)
 
     def check(self, state: AnyState) -> None:
         if isinstance(state, TravellingState):
             state.in_one_frame(cp.vector(self.lever))
 
-    def on(self, body: Any) -> Torque:
-        return super().on(body) if self.velocity is None else self
-
-    def __call__(self, t: Time, state: AnyState) -> Array:
-        if self.velocity is None:
-            return super().__call__(t, state)
-        force = self._force(to_body_components("velocity", self.velocity, t, state))
-        return cp.pack(cp.cross(cp.vector(self.lever), force))
+    def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(cp.vector(self.lever), self._force(velocity))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Any:
         state, body = travelling(self, state, body)

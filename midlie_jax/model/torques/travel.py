@@ -5,25 +5,37 @@ field of a point mass, also the total momentum x cross p + R Pi. I is the inerti
 = R I R^T, u = x/r. The expansion of V in the size of the body over r keeps the terms up to the second moments.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite, vector_at
+from ..._checks.arguments import (
+    as_finite,
+    as_floats,
+    as_function_of_time,
+    as_positive,
+    as_weak,
+    is_unit,
+    require,
+    vector_at,
+)
 from ..._math import components as cp
 from ..free_body import FreeBody
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
+from .base import Torque
+from .fields import to_body_components
 from .reads_body import ReadsBody, angular_velocity_of
 
 _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the only body direction that every state holds
+G_TIMES_MASS = "pass G times the attracting mass."
 
 
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
@@ -73,8 +85,7 @@ class UniformGravity(_Gravity):
     acceleration: Float[Array, "*batch 3"]
 
     def __init__(self, acceleration: Any):
-        self.acceleration = as_floats("acceleration", acceleration, (3,))
-        require_finite("acceleration", self.acceleration)
+        self.acceleration = as_finite("acceleration", acceleration, (3,))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         del t
@@ -147,9 +158,7 @@ class PointMass(_Gravity):
 
     def __init__(self, mu: Any, *, gradient: bool = True):
         self.gradient = gradient
-        self.mu = as_floats("mu", mu)
-        mass = "pass G times the attracting mass."
-        require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
+        self.mu = as_positive("mu", mu, cure=G_TIMES_MASS)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         del t
@@ -213,10 +222,7 @@ class Oblateness(_Gravity):
 
     def __init__(self, mu: Any, radius: Any, j2: Any, pole: Any = None, *, gradient: bool = True):
         self.gradient = gradient
-        self.mu, self.radius, self.j2 = as_floats("mu", mu), as_floats("radius", radius), as_floats("j2", j2)
-        for name, value in (("mu", self.mu), ("radius", self.radius)):
-            require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
-        require_finite("j2", self.j2)
+        self.mu, self.radius, self.j2 = as_positive("mu", mu), as_positive("radius", radius), as_finite("j2", j2)
         self.pole = as_weak(_E3) if pole is None else as_floats("pole", pole, (3,))
         require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
 
@@ -285,8 +291,7 @@ class Magnus(ReadsBody):
     wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
 
     def __init__(self, strength: Any, wind: Any = None):
-        self.strength = as_floats("strength", strength)
-        require_finite("strength", self.strength)
+        self.strength = as_finite("strength", strength)
         self.wind = None if wind is None else as_function_of_time("wind", wind)
 
     @property
@@ -298,6 +303,40 @@ class Magnus(ReadsBody):
         spin = state.to_space(angular_velocity_of(state, body))
         lift = cp.cross(spin, through_air(t, state, body, self.wind))
         return Wrench(jnp.zeros_like(state.momentum), cp.pack(cp.scale(self.strength, lift)))
+
+
+class InAir(ReadsBody):
+    """Base class of forces of air or gas on a body whose velocity is known, or that of its state.
+
+    Attributes:
+        velocity: of the body relative to the gas, space frame, (3,), or a function of time; None for the state's.
+        wind: with `velocity` None, the velocity of the gas, likewise; None for a gas at rest.
+    """
+
+    velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
+    wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
+
+    def _set_flow(self, velocity: Any, wind: Any) -> None:
+        self.velocity = None if velocity is None else as_function_of_time("velocity", velocity)
+        self.wind = None if wind is None else as_function_of_time("wind", wind)
+        if self.velocity is not None and self.wind is not None:
+            raise ValueError("velocity is relative to the air: give velocity or wind, not both.")
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.velocity is None
+
+    def on(self, body: Any) -> Torque:
+        return super().on(body) if self.velocity is None else self
+
+    def __call__(self, t: Time, state: AnyState) -> Any:
+        if self.velocity is None:
+            return super().__call__(t, state)
+        return cp.pack(self.torque_in(t, to_body_components("velocity", self.velocity, t, state)))
+
+    @abstractmethod
+    def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
+        """The torque, from the velocity in the body frame."""
 
 
 def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any], Array] | None) -> cp.Vector:
