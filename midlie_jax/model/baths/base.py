@@ -8,13 +8,14 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from ..._checks.arguments import as_floats, described, is_key, require
-from ..bodies import Body
+from ..._checks.arguments import as_not_negative, described, is_key
+from ..bodies import Body, RigidBody, TensorBody
 from ..exposure import PreparedBath, PreparedSum, root_of
+from ..rotor import SymmetricRotor
 from ..state import AnyState
+from .coefficient import check_shape, check_travel, shape_of
 
 
 class HeatBath(eqx.Module):
@@ -78,9 +79,14 @@ class Warm(HeatBath):
 
 
 class BathOfBodies(HeatBath):
-    """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`."""
+    """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`.
+
+    Attributes:
+        numbers: the names of the fields of the rotation and of the translation.
+    """
 
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
+    numbers: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
@@ -92,6 +98,27 @@ class BathOfBodies(HeatBath):
             t, h: a time of the run and its step, ().
             start: the initial state.
         """
+
+    def check_kind(self, state: Any, body: Any) -> None:
+        name = type(self).__name__
+        if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
+            kind = type(state).__name__
+            raise ValueError(f"{name} acts on rigid bodies and rotors, not on a {kind}; leave out {name}.")
+        check_travel(name, self.numbers[1], getattr(self, self.numbers[1]), state)
+        if isinstance(body.turning, SymmetricRotor):
+            body.turning.known_along  # noqa: B018 - raises if it is unknown
+
+    def check_on(self, state: Any, body: Any) -> None:
+        super().check_on(state, body)
+        for name in self.numbers:
+            value = getattr(self, name)
+            if value is not None:
+                shape = shape_of(value, state.momentum.dtype)
+                check_shape(name, shape, state)
+                self.check_numbers(name, shape, state, body)
+
+    def check_numbers(self, name: str, shape: tuple[int, ...], state: Any, body: Any) -> None:
+        """Raises unless this body supports numbers of this shape, which its state does."""
 
     def __add__(self, other: Any) -> "BathOfBodies":
         return Sum(self, other)
@@ -165,11 +192,7 @@ def words_of(key: Array) -> tuple[Array, ...]:
 
 
 def _as_temperature(kT: Any) -> Any:
-    if callable(kT):
-        return kT
-    kT = as_floats("kT", kT)
-    require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
-    return kT
+    return kT if callable(kT) else as_not_negative("kT", kT, cure="check its sign.")
 
 
 def as_key(key: Any) -> Array:

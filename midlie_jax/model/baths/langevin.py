@@ -1,7 +1,7 @@
 """`Langevin`: friction and thermal noise of a heat bath on rigid bodies."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,13 +10,13 @@ from jax import Array
 
 from ..._checks.arguments import shown
 from ..._math.components import is_traced
-from ..bodies import Body, RigidBody, TensorBody
+from ..bodies import Body, RigidBody
 from ..exposure import PreparedBath, exposures
 from ..rotor import SymmetricRotor
 from ..state import AnyState
 from ..torques.reads_body import knows_axis_alone
 from .base import BathOfBodies, Warm, words_of
-from .coefficient import as_coefficient, at, check_shape, check_travel, shape_of
+from .coefficient import as_coefficient, at
 
 
 class Langevin(Warm, BathOfBodies):
@@ -68,6 +68,7 @@ class Langevin(Warm, BathOfBodies):
         ((11, 3), True)
     """
 
+    numbers: ClassVar[tuple[str, ...]] = ("friction", "linear_friction")
     friction: Any
     linear_friction: Any
 
@@ -103,7 +104,7 @@ class Langevin(Warm, BathOfBodies):
         return one(self.friction), None if self.linear_friction is None else one(self.linear_friction)
 
     def check(self, state: AnyState) -> None:
-        for name in ("friction", "linear_friction") if knows_axis_alone(state) else ():
+        for name in self.numbers if knows_axis_alone(state) else ():
             friction = getattr(self, name)
             if callable(friction) or friction is None or is_traced(friction):
                 continue
@@ -113,32 +114,15 @@ class Langevin(Warm, BathOfBodies):
             if np.any(numbers[..., 0] != numbers[..., 1]):
                 raise _not_symmetric(name, friction, state)
 
-    def check_kind(self, state: AnyState, body: Any) -> None:
-        if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
-            kind = type(state).__name__
-            raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
-        check_travel("Langevin", "linear_friction", self.linear_friction, state)
-        if isinstance(body.turning, SymmetricRotor):
-            body.turning.known_along  # noqa: B018 - raises if it is unknown
-
-    def check_on(self, state: AnyState, body: Any) -> None:
-        super().check_on(state, body)
-        for name in ("friction", "linear_friction"):
-            friction = getattr(self, name)
-            if friction is not None:
-                _check_one(name, friction, shape_of(friction, state.momentum.dtype), state, body)
-
-
-def _check_one(name: str, friction: Any, shape: tuple[int, ...], state: AnyState, body: Body) -> None:
-    check_shape(name, shape, state)
-    turning, tensor = body.turning, shape[-2:] == (3, 3)
-    if shape and not tensor and not isinstance(turning, RigidBody | SymmetricRotor):
-        raise ValueError(
-            f"{name} must be a number or a tensor (3, 3) for a {type(turning).__name__}, got three numbers. Give the "
-            "tensor in the frame of the body."
-        )
-    if isinstance(turning, SymmetricRotor) and tensor:
-        raise _not_symmetric(name, friction, state)
+    def check_numbers(self, name: str, shape: tuple[int, ...], state: AnyState, body: Any) -> None:
+        turning, tensor = body.turning, shape[-2:] == (3, 3)
+        if shape and not tensor and not isinstance(turning, RigidBody | SymmetricRotor):
+            raise ValueError(
+                f"{name} must be a number or a tensor (3, 3) for a {type(turning).__name__}, got three numbers. Give "
+                "the tensor in the frame of the body."
+            )
+        if isinstance(turning, SymmetricRotor) and tensor:
+            raise _not_symmetric(name, getattr(self, name), state)
 
 
 def _not_symmetric(name: str, friction: Any, state: AnyState) -> ValueError:

@@ -1,17 +1,17 @@
 """`Recoil`: noise without friction, in the space frame."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 from jax import Array
 
-from ..bodies import Body, RigidBody, TensorBody
+from ..bodies import Body
 from ..exposure import PreparedBath, kicks
 from ..rotor import SymmetricRotor
 from ..state import AnyState
 from .base import BathOfBodies, as_key, words_of
-from .coefficient import as_coefficient, at, check_shape, check_travel, shape_of
+from .coefficient import as_coefficient, at
 
 
 class Recoil(BathOfBodies):
@@ -43,6 +43,7 @@ class Recoil(BathOfBodies):
         ((11, 3), True)
     """
 
+    numbers: ClassVar[tuple[str, ...]] = ("diffusion", "linear_diffusion")
     diffusion: Any
     key: Array
     linear_diffusion: Any
@@ -66,20 +67,9 @@ class Recoil(BathOfBodies):
         linear = None if self.linear_diffusion is None else at(self.linear_diffusion, t)
         return {b: kicks(body, at(self.diffusion, t), linear, time) for b, time in times.items()}
 
-    def check_kind(self, state: AnyState, body: Any) -> None:
-        if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
-            raise ValueError(f"Recoil acts on rigid bodies and rotors, not on a {type(state).__name__}.")
-        check_travel("Recoil", "linear_diffusion", self.linear_diffusion, state)
-        if isinstance(body.turning, SymmetricRotor):
-            body.turning.known_along  # noqa: B018 - raises if it is unknown
-
-    def check_on(self, state: AnyState, body: Any) -> None:
-        super().check_on(state, body)
-        shape = shape_of(self.diffusion, state.momentum.dtype)
-        check_shape("diffusion", shape, state)
-        if self.linear_diffusion is not None:
-            check_shape("linear_diffusion", shape_of(self.linear_diffusion, state.momentum.dtype), state)
-        if shape and not (hasattr(state, "attitude") or isinstance(body.turning, SymmetricRotor)):
+    def check_numbers(self, name: str, shape: tuple[int, ...], state: AnyState, body: Any) -> None:
+        known = hasattr(state, "attitude") or isinstance(body.turning, SymmetricRotor)
+        if name == "diffusion" and shape and not known:
             raise ValueError(
                 f"diffusion must be a number for a {type(state).__name__}, which has no attitude, got shape {shape}; "
                 "use a RigidState."
