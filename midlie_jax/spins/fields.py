@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, as_weak, is_unit, require, require_finite, vector_at
+from .._checks.arguments import as_finite, as_floats, as_weak, is_unit, require, vector_at
 from .._math import components as cp
 from ..model.state import Time
 from ..model.torques.base import Torque
@@ -57,21 +57,15 @@ class SpinField(Torque):
 
     def __call__(self, t: Time, state: Any) -> Array:
         self.check(state)
-        spin = components_of(self, state)
+        spin = cp.vector(state.spin)
         return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
 
     def potential(self, t: Time, state: Any) -> Array:
         self.check(state)
-        return jnp.sum(self.energy(t, components_of(self, state)))
+        return jnp.sum(self.energy(t, cp.vector(state.spin)))
 
     def check(self, state: Any) -> None:
         lattice_of(self, state)
-
-
-def components_of(torque: Torque, state: Any) -> cp.Vector:
-    """The components of the spins, each (*lattice); a ValueError for a state without spins."""
-    lattice_of(torque, state)
-    return cp.vector(state.spin)
 
 
 def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
@@ -109,8 +103,7 @@ class AppliedField(SpinField):
 
     def __init__(self, value: Any):
         if not callable(value):
-            value = as_floats("value", value, (3,))
-            require_finite("value", value)
+            value = as_finite("value", value, (3,))
         self.value = value
 
     def is_uniform(self, t: Time) -> bool:
@@ -148,6 +141,9 @@ class OwnField(SpinField):
     """
 
     strength: eqx.AbstractVar[Array]
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
 
     def is_uniform(self, t: Time) -> bool:
         del t
@@ -200,17 +196,13 @@ class Anisotropy(OwnField):
     axis: Float[Array, " 3"]
 
     def __init__(self, strength: Any, axis: Any = (0.0, 0.0, 1.0)):
-        self.strength = as_floats("strength", strength)
-        require_finite("strength", self.strength)
+        self.strength = as_finite("strength", strength)
         axis = as_floats("axis", np.asarray(axis, float) if isinstance(axis, tuple | list) else axis, (3,))
         if axis.ndim != 1:
             raise ValueError(f"axis must have shape (3,), got {axis.shape}.")
         require("axis", axis, is_unit, "must be a unit vector", "divide it by its norm.")
         weak = self.strength.weak_type and not cp.is_traced(axis)
         self.axis = as_weak(axis) if weak else axis.astype(self.strength.dtype)
-
-    def check(self, state: Any) -> None:
-        require_lattice("strength", self.strength, lattice_of(self, state))
 
     def axes(self) -> tuple[Any, ...]:
         return (cp.vector(self.axis),)
@@ -246,11 +238,7 @@ class CubicAnisotropy(OwnField):
     strength: Float[Array, "*#lattice"]
 
     def __init__(self, strength: Any):
-        self.strength = as_floats("strength", strength)
-        require_finite("strength", self.strength)
-
-    def check(self, state: Any) -> None:
-        require_lattice("strength", self.strength, lattice_of(self, state))
+        self.strength = as_finite("strength", strength)
 
     def axes(self) -> tuple[Any, ...]:
         return tuple(cp.vector(row) for row in jnp.eye(3, dtype=self.strength.dtype))

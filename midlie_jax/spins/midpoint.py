@@ -130,10 +130,6 @@ def _iterated(function: Any, x: Any) -> tuple[Any, Array]:
     return x, change
 
 
-def _apart(x: Any, y: Any) -> Array:
-    difference = [jnp.max(jnp.abs(a - b)) for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(y), strict=True)]
-    size = [jnp.max(jnp.abs(b)) for b in jax.tree.leaves(y)]
-    largest, scale = difference[0], size[0]
-    for d, s in zip(difference[1:], size[1:], strict=True):
-        largest, scale = jnp.maximum(largest, d), jnp.maximum(scale, s)
-    return largest / jnp.where(scale > 0, scale, jnp.ones_like(scale))
+def _apart(x: cp.Vector, y: cp.Vector) -> Array:
+    scale = jnp.max(cp.largest(y))
+    return jnp.max(cp.largest(cp.subtract(x, y))) / jnp.where(scale > 0, scale, jnp.ones_like(scale))

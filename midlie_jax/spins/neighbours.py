@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, require_finite
+from .._checks.arguments import as_finite, described
 from .._math import components as cp
 from ..model.state import Time
 from .fields import SpinField, lattice_of
@@ -42,6 +42,15 @@ class NeighbourField(SpinField):
     @abstractmethod
     def field_of(self, near: Near, axes: int) -> cp.Vector:
         """The field, from the function that returns neighbours and the number of axes of the lattice."""
+
+    @abstractmethod
+    def of_bonds(self, axis: int, spin: cp.Vector, following: cp.Vector) -> Array:
+        """The energy of the bonds along an axis, from each spin and the next."""
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        near = self.near(spin)
+        return sum((self.of_bonds(axis, spin, near(axis, 1)) for axis in range(spin[0].ndim)), jnp.zeros_like(spin[0]))
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
         del t
@@ -102,8 +111,7 @@ class Exchange(NeighbourField):
     periodic: bool | tuple[bool, ...]
 
     def __init__(self, coupling: Any, periodic: Any = True):
-        self.coupling = as_floats("coupling", coupling)
-        require_finite("coupling", self.coupling)
+        self.coupling = as_finite("coupling", coupling)
         self.periodic = as_periodic(periodic)
 
     def check(self, state: Any) -> None:
@@ -121,12 +129,8 @@ class Exchange(NeighbourField):
             return reduce(cp.add, [cp.scale(self.of_axis(a), pair) for a, pair in enumerate(pairs)])
         return cp.scale(self.coupling, reduce(cp.add, pairs))
 
-    def energy(self, t: Time, spin: cp.Vector) -> Array:
-        del t
-        near, total = self.near(spin), jnp.zeros_like(spin[0])
-        for axis in range(spin[0].ndim):
-            total = total - self.of_axis(axis) * cp.dot(spin, near(axis, 1))
-        return total
+    def of_bonds(self, axis: int, spin: cp.Vector, following: cp.Vector) -> Array:
+        return -self.of_axis(axis) * cp.dot(spin, following)
 
 
 class DzyaloshinskiiMoriya(NeighbourField):
@@ -151,8 +155,7 @@ class DzyaloshinskiiMoriya(NeighbourField):
     periodic: bool | tuple[bool, ...]
 
     def __init__(self, vectors: Any, periodic: Any = True):
-        self.vectors = as_floats("vectors", vectors, (3,))
-        require_finite("vectors", self.vectors)
+        self.vectors = as_finite("vectors", vectors, (3,))
         if self.vectors.ndim != 2:
             raise ValueError(f"vectors must be (d, 3), one for each axis of the lattice, got {self.vectors.shape}.")
         self.periodic = as_periodic(periodic)
@@ -165,16 +168,8 @@ class DzyaloshinskiiMoriya(NeighbourField):
 
     def field_of(self, near: Near, axes: int) -> cp.Vector:
         """B_i = sum over neighbours of D_ij x S_j, where D_ji = -D_ij."""
-        terms: list[cp.Vector] = []
-        for axis in range(axes):
-            across = cp.subtract(near(axis, 1), near(axis, -1))
-            terms.append(cp.cross(cp.vector(self.vectors[axis]), across))
-        return reduce(cp.add, terms)
+        pairs = [cp.subtract(near(axis, 1), near(axis, -1)) for axis in range(axes)]
+        return reduce(cp.add, [cp.cross(cp.vector(self.vectors[a]), pair) for a, pair in enumerate(pairs)])
 
-    def energy(self, t: Time, spin: cp.Vector) -> Array:
-        del t
-        near, total = self.near(spin), jnp.zeros_like(spin[0])
-        for axis in range(len(self.vectors)):
-            bond = cp.cross(spin, near(axis, 1))
-            total = total + cp.dot(cp.vector(self.vectors[axis]), bond)
-        return total
+    def of_bonds(self, axis: int, spin: cp.Vector, following: cp.Vector) -> Array:
+        return cp.dot(cp.vector(self.vectors[axis]), cp.cross(spin, following))
