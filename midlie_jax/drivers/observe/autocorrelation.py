@@ -1,6 +1,5 @@
 """`Autocorrelation`: how long a quantity of the bodies stays correlated with its past."""
 
-from abc import abstractmethod
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -82,17 +81,11 @@ class Products(Series):
                 "smaller save_every or more steps."
             )
 
-    def begun(self, bodies: int, values: Any) -> Any:
-        def of_array(x: Any) -> Carried:
-            removed = x.size if self.centred else 0
-            last, sums = (bodies, self.lags, x.size), (bodies, self.lags + 1 + removed)
-            shapes = (bodies, removed), (bodies, self.lags, removed), last, sums, sums
-            return Carried(jnp.zeros(bodies, jnp.int32), *(jnp.zeros(shape, x.dtype) for shape in shapes))
-
-        return jax.tree.map(of_array, values)
-
-    def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
+    def _begun(self, bodies: int, x: Any) -> Carried:
+        removed = x.size if self.centred else 0
+        last, sums = (bodies, self.lags, x.size), (bodies, self.lags + 1 + removed)
+        shapes = (bodies, removed), (bodies, self.lags, removed), last, sums, sums
+        return Carried(jnp.zeros(bodies, jnp.int32), *(jnp.zeros(shape, x.dtype) for shape in shapes))
 
     def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
         """In pieces that stay in the cache while all lags read them; the last one is padded."""
@@ -131,15 +124,6 @@ class Products(Series):
         places = counted[:, None] + jnp.arange(self.lags, dtype=jnp.int32)[None]
         last = jnp.take_along_axis(seen, places[..., None], axis=1)
         return Carried(before.counted + counted, reference, first, last, high, low)
-
-    def sums(self, carried: Any, counted: Array) -> Any:
-        return jax.tree.map(
-            lambda of_array: self._sums(of_array, counted), carried, is_leaf=lambda x: isinstance(x, Carried)
-        )
-
-    @abstractmethod
-    def _sums(self, carried: Carried, counted: Array) -> Sums:
-        """`Sums` of these bodies for one observed array."""
 
     def _terms(self, carried: Carried, counted: Array) -> tuple[Array, Array, Array, Array, Array]:
         """The arguments of `sums_of` but the last."""

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from ..._checks.arguments import as_count, as_floats, described, require, require_finite
+from ..._checks.arguments import as_count, as_finite, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
 from .series import Series
@@ -118,15 +118,9 @@ class Spectrum(Series):
                 "segment, a smaller save_every or more steps."
             )
 
-    def begun(self, bodies: int, values: Any) -> Any:
-        def of_array(x: Any) -> Carried:
-            none, sums = jnp.zeros(bodies, jnp.int32), jnp.zeros((bodies, self.segment // 2 + 1), x.dtype)
-            return Carried(none, none, jnp.zeros((bodies, x.size, self.segment - 1), x.dtype), sums, sums)
-
-        return jax.tree.map(of_array, values)
-
-    def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
+    def _begun(self, bodies: int, x: Any) -> Carried:
+        none, sums = jnp.zeros(bodies, jnp.int32), jnp.zeros((bodies, self.segment // 2 + 1), x.dtype)
+        return Carried(none, none, jnp.zeros((bodies, x.size, self.segment - 1), x.dtype), sums, sums)
 
     def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
         k, step = good.shape[1], self.segment - self.overlap
@@ -159,11 +153,6 @@ class Spectrum(Series):
         sides[-1] = 1 if self.segment % 2 == 0 else 2
         return power * jnp.asarray(sides, power.dtype)[None]
 
-    def sums(self, carried: Any, counted: Array) -> Any:
-        return jax.tree.map(
-            lambda of_array: self._sums(of_array, counted), carried, is_leaf=lambda x: isinstance(x, Carried)
-        )
-
     def _sums(self, carried: Carried, counted: Array) -> Sums:
         dtype, rows = carried.high.dtype, self.segment // 2 + 1
         rest = jnp.where(counted, carried.counted, 0) - self.segment
@@ -191,9 +180,8 @@ def _as_window(window: Any, segment: int) -> Array:
             f"window must be 'hann', 'boxcar' or the numbers of another window, such as those of "
             f"scipy.signal.get_window, got {window!r}."
         )
-    found = as_floats("window", window)
+    found = as_finite("window", window)
     if found.shape != (segment,):
         raise ValueError(f"window must be one number for each value of a segment, ({segment},), got {found.shape}.")
-    require_finite("window", found)
     require("window", jnp.any(found != 0), bool, "must not be zero everywhere", "give another one.")
     return found
