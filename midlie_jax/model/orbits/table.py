@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite, require_resolved
+from ..._checks.arguments import as_finite, require_resolved
 from ..._math import components as cp
 from ..._math.powers import unit
 from ..._xla.fusion import split
@@ -20,7 +20,42 @@ _UNLIKELY = 100.0  # speed times interval over the distance of two rows; kilomet
 _NEIGHBOURS = 5  # positions from which a slope is computed
 
 
-class TableOrbit(Orbit):
+class _Table(Timed):
+    """Values at given times."""
+
+    times: Float[Array, " k"]
+    even: bool = eqx.field(static=True)
+
+    @property
+    def span(self) -> tuple[Array, Array]:
+        return self.times[0], self.times[-1]
+
+    def _between(self, t: Any, values: Array, slopes: Array) -> Array:
+        """Cubic Hermite interpolation of values (..., k, 3) with their derivatives."""
+        times, first, last = self.times, self.times[0], self.times[-1]
+        count = times.shape[0]
+        if self.even:
+            row = jnp.floor((t - first) * ((count - 1) / (last - first))).astype(jnp.int32)
+        else:
+            row = jnp.searchsorted(times, t, side="right").astype(jnp.int32) - 1
+        row = jnp.clip(row, 0, count - 2)
+        begin, end = times[row], times[row + 1]
+        h = end - begin
+        x = (t - begin) / h
+        y = 1 - x
+        a, b = (cp.vector(values[..., n, :]) for n in (row, row + 1))
+        va, vb = (cp.vector(slopes[..., n, :]) for n in (row, row + 1))
+        slack = _SLACK * cp.epsilon(first) * jnp.maximum(jnp.abs(first), jnp.abs(last))
+        outside = (t < first - slack) | (t > last + slack)
+        x = jnp.where(outside, jnp.full_like(x, jnp.nan), x)
+        rise = cp.subtract(b, a)
+        place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
+        bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
+        # The loop ends here, so a torque rounds the same way however the compiler reads the rows.
+        return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
+
+
+class TableOrbit(_Table, Orbit):
     """An orbit by cubic Hermite interpolation of positions, and velocities, at given times.
 
     The error of the position is h^4 |r''''| / 384, with h the time between two rows; the error of the velocity is
@@ -54,39 +89,31 @@ class TableOrbit(Orbit):
         (600.0, 7000.0)
     """
 
-    times: Float[Array, " k"]
     positions: Float[Array, "*batch k 3"]
     velocities: Float[Array, "*batch k 3"]
-    even: bool = eqx.field(static=True)
 
     def __init__(self, times: Any, positions: Any, velocities: Any = None):
         self.times, self.even = _as_times(times)
         shape = (self.times.size, 3)
-        self.positions = as_floats("positions", positions, shape)
-        require_finite("positions", self.positions)
+        self.positions = as_finite("positions", positions, shape)
         if velocities is None:
             self.velocities = _slopes(self.times, self.positions)
         else:
-            self.velocities = as_floats("velocities", velocities, shape)
-            require_finite("velocities", self.velocities)
+            self.velocities = as_finite("velocities", velocities, shape)
             if self.velocities.shape != self.positions.shape:
                 raise ValueError(
                     f"velocities must have the shape of positions, {self.positions.shape}, got {self.velocities.shape}."
                 )
             _require_fitting(self.times, self.positions, self.velocities)
 
-    @property
-    def span(self) -> tuple[Array, Array]:
-        return self.times[0], self.times[-1]
-
     def known(self) -> tuple[Array, Array]:
         return self.positions, self.velocities
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        return _between(t, self.times, self.even, self.positions, self.velocities)
+        return self._between(t, self.positions, self.velocities)
 
 
-class TableField(Timed):
+class TableField(_Table):
     """A vector field along an orbit from its values at given times, such as the magnetic field of a model.
 
     It is interpolated like a `TableOrbit` without velocities, with an error of order 4 in the time between two rows.
@@ -110,58 +137,25 @@ class TableField(Timed):
         >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)
     """
 
-    times: Float[Array, " k"]
     values: Float[Array, "*batch k 3"]
     slopes: Float[Array, "*batch k 3"]
-    even: bool = eqx.field(static=True)
 
     def __init__(self, times: Any, values: Any):
         self.times, self.even = _as_times(times)
-        self.values = as_floats("values", values, (self.times.size, 3))
-        require_finite("values", self.values)
+        self.values = as_finite("values", values, (self.times.size, 3))
         self.slopes = _slopes(self.times, self.values)
 
-    @property
-    def span(self) -> tuple[Array, Array]:
-        return self.times[0], self.times[-1]
-
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        return _between(t, self.times, self.even, self.values, self.slopes)
+        return self._between(t, self.values, self.slopes)
 
 
 def _as_times(times: Any) -> tuple[Array, bool]:
     """The times of a table, and whether they are even."""
-    found = as_floats("times", times)
+    found = as_finite("times", times)
     if found.ndim != 1 or found.size < 2:
         raise ValueError(f"times must have shape (k,) with k at least 2, got {found.shape}.")
-    require_finite("times", found)
     require_resolved("times", times, found.dtype)
     return found, not cp.is_traced(found) and _are_even(np.asarray(found, np.float64))
-
-
-def _between(t: Any, times: Array, even: bool, values: Array, slopes: Array) -> Array:
-    """Cubic Hermite interpolation of values (..., k, 3) with their derivatives."""
-    first, last = times[0], times[-1]
-    count = times.shape[0]
-    if even:
-        row = jnp.floor((t - first) * ((count - 1) / (last - first))).astype(jnp.int32)
-    else:
-        row = jnp.searchsorted(times, t, side="right").astype(jnp.int32) - 1
-    row = jnp.clip(row, 0, count - 2)
-    begin, end = times[row], times[row + 1]
-    h = end - begin
-    x = (t - begin) / h
-    y = 1 - x
-    a, b = (cp.vector(values[..., n, :]) for n in (row, row + 1))
-    va, vb = (cp.vector(slopes[..., n, :]) for n in (row, row + 1))
-    slack = _SLACK * cp.epsilon(first) * jnp.maximum(jnp.abs(first), jnp.abs(last))
-    outside = (t < first - slack) | (t > last + slack)
-    x = jnp.where(outside, jnp.full_like(x, jnp.nan), x)
-    rise = cp.subtract(b, a)
-    place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
-    bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
-    # The loop ends here, so a torque rounds the same way however the compiler reads the rows.
-    return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
 
 
 def _require_fitting(times: Array, positions: Array, velocities: Array) -> None:
