@@ -131,6 +131,16 @@ def conjugate(q: Quaternion) -> Quaternion:
     return (q[0], -q[1], -q[2], -q[3])
 
 
+def columns(q: Quaternion) -> Columns:
+    """The columns of the rotation matrix of a unit quaternion."""
+    w, x, y, z = q
+    return (
+        (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z),
+    )
+
+
 def square(q: Quaternion) -> Quaternion:
     """q q, the rotation q applied twice."""
     double = 2 * q[0]

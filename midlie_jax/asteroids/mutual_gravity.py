@@ -23,7 +23,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, require, require_finite
+from .._checks.arguments import as_finite, as_positive, described
 from .._math import components as cp
 from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
@@ -97,9 +97,8 @@ class MutualGravity(ReadsBody):
             )
         if degree == 3 and third is None:
             raise ValueError("degree=3 needs the moments of degree 3 as third=; otherwise use degree=2.")
-        self.G = as_floats("G", G)  # pyright: ignore[reportConstantRedefinition]
+        self.G = as_positive("G", G)  # pyright: ignore[reportConstantRedefinition]
         self.degree = degree
-        require("G", self.G, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
         self.third = None if third is None else _moments("third", third, 3)
         self.fourth = None if fourth is None else _moments("fourth", fourth, 4)
 
@@ -141,8 +140,7 @@ class MutualGravity(ReadsBody):
 
 
 def _moments(name: str, value: Any, degree: int) -> Array:
-    moments = as_floats(name, value, (3,) * degree)
-    require_finite(name, moments)
+    moments = as_finite(name, value, (3,) * degree)
     if moments.ndim != degree + 1:
         raise ValueError(f"{name} must be (N,{' 3,' * degree}), got {moments.shape}.")
     if not cp.is_traced(moments):
@@ -359,12 +357,7 @@ def _slope(degree: int, value: Array, u: cp.Vector, gradient: cp.Vector) -> cp.V
 
 def _turned(q: cp.Quaternion, diagonal: cp.Vector) -> Matrix:
     """C D C^T, for the rotation matrix C of q and a diagonal matrix D."""
-    w, x, y, z = q
-    rows = (
-        (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
-    )
+    rows = cp.columns(cp.conjugate(q))
     scaled = [cp.times(row, diagonal) for row in rows]
     xx, yy, zz = (cp.dot(rows[i], scaled[i]) for i in range(3))
     xy, yz, zx = cp.dot(rows[0], scaled[1]), cp.dot(rows[1], scaled[2]), cp.dot(rows[2], scaled[0])

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, require_finite, same_dtype
+from .._checks.arguments import as_finite, as_floats, as_not_negative, require, same_dtype
 from .._math import components as cp
 from .._math.powers import unit
 from ..model.bodies import RigidBody
@@ -57,7 +57,7 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
         >>> water.body.moments.round(6)
         Array([0.0064, 0.0128, 0.0192], dtype=float64)
     """
-    masses, places = as_floats("masses", masses), as_floats("places", places)
+    masses, places = as_not_negative("masses", masses, cure="check their signs and units."), as_finite("places", places)
     _check_points(masses, places)
     total = jnp.sum(masses)
     masses = masses / total
@@ -81,9 +81,6 @@ def _check_points(masses: Array, places: Array) -> None:
     if masses.ndim != 1 or places.shape != (*masses.shape, 3):
         raise ValueError(f"masses must be (a,) and places (a, 3), got {masses.shape} and {places.shape}.")
     same_dtype("masses", masses, places=places)
-    require_finite("places", places)
-    at_least_zero = "must be finite and not negative"
-    require("masses", masses, lambda m: np.isfinite(m) & (m >= 0), at_least_zero, "check their signs and units.")
     require("masses", masses, lambda m: np.any(m > 0), "must not all be zero", "give a mass to at least two points.")
     if cp.is_traced(masses, places):
         return
@@ -186,7 +183,7 @@ def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | N
     each = [cp.vector(points[..., k, :]) for k in range(points.shape[-2])]
     attitude, axis = getattr(state, "attitude", None), getattr(state, "axis", None)
     if attitude is not None:
-        columns = _columns(cp.quaternion(attitude))
+        columns = cp.columns(cp.quaternion(attitude))
         return [_combined(columns, point) for point in each], columns
     if axis is None:
         raise needs_attitude(state)
@@ -194,15 +191,6 @@ def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | N
     require("points", points, lambda p: p[..., :2] == 0, on_axis, "use a state with an attitude.")
     along = [jnp.where((x == 0) & (y == 0), z, jnp.nan) for x, y, z in each]  # points may be traced
     return [cp.scale(z, cp.vector(axis)) for z in along], None
-
-
-def _columns(q: cp.Quaternion) -> cp.Columns:
-    w, x, y, z = q
-    return (
-        (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)),
-        (2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)),
-        (2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z),
-    )
 
 
 def _combined(columns: cp.Columns, v: cp.Vector) -> cp.Vector:
