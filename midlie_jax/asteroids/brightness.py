@@ -1,4 +1,4 @@
-"""`Brightness`: the brightness of a sunlit surface, and scattering laws."""
+"""`Brightness`: the brightness of a sunlit surface, and scattering laws; `Light`, its base class."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -6,16 +6,18 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, require_function
+from .._checks.arguments import as_not_negative, require_function
 from .._math import components as cp
 from .._xla.rows import sum_over_rows
-from ..model.facets import as_lit_surface, of_facets, unshadowed, with_horizon
+from ..drivers.observe.observables import Observable
+from ..model.bodies import Body
+from ..model.facets import as_direction, as_lit_surface, of_facets, seen_from_body, unshadowed, with_horizon
+from ..model.state import AnyState, Time
 from ..model.surface import Surface
-from .light import Light
+from ..model.torques import TorqueLike
 
 
 class Scattering(eqx.Module):
@@ -79,13 +81,46 @@ class LommelSeeliger(Scattering):
     lambert: Float[Array, "*batch"]
 
     def __init__(self, lambert: Any = 0.0):
-        self.lambert = as_floats("lambert", lambert)
-        require(
-            "lambert", self.lambert, lambda c: np.isfinite(c) & (c >= 0), "must be finite and not negative", "as in .1."
-        )
+        self.lambert = as_not_negative("lambert", lambert, cure="as in 0.1.")
 
     def __call__(self, mu: Array, mu0: Array) -> Array:
         return mu * mu0 * (1 / (mu + mu0) + self.lambert.astype(mu.dtype))
+
+
+class Light(Observable):
+    """Sunlight that a body sends to an observer; also callable as `light(t, state)`."""
+
+    sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    observer: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    phase: Callable[[Array], Array] | None
+    magnitude: bool = eqx.field(static=True)
+
+    def _view(self, sun: Any, observer: Any, phase: Any, magnitude: bool) -> None:
+        self.sun, self.observer = as_direction("sun", sun), as_direction("observer", observer)
+        if phase is not None:
+            require_function("phase", phase, "angle")
+        self.phase, self.magnitude = phase, magnitude
+
+    @abstractmethod
+    def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
+        """The intensity () for directions in the frame of the body, without the factor `phase`."""
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        return self(t, state)
+
+    def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
+        """The intensity or magnitude (), of one state."""
+        if state.several:
+            raise ValueError(
+                f"{type(self).__name__} must have the state of one body, got a {type(state).__name__}; for body i "
+                "write lambda t, state: brightness(t, state.of_body(i))."
+            )
+        directions = ("sun", self.sun), ("observer", self.observer)
+        sun, observer = (seen_from_body(name, direction, t, state) for name, direction in directions)
+        total = self.intensity(sun, observer)
+        if self.phase is not None:
+            total = total * self.phase(jnp.arctan2(cp.norm(cp.cross(sun, observer)), cp.dot(sun, observer)))
+        return -2.5 * jnp.log10(total) if self.magnitude else total
 
 
 class Brightness(Light):
@@ -139,9 +174,7 @@ class Brightness(Light):
         if isinstance(law, type):
             raise ValueError(f"law must be a law and not its class: write {law.__name__}().")
         require_function("law", law, "mu, mu0")
-        self.law, self.albedo = law, as_floats("albedo", albedo)
-        not_negative = "must be finite and not negative"
-        require("albedo", self.albedo, lambda a: np.isfinite(a) & (a >= 0), not_negative, "0 is black.")
+        self.law, self.albedo = law, as_not_negative("albedo", albedo, cure="0 is black.")
 
     def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
         surface = self.surface

@@ -7,10 +7,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require
+from .._checks.arguments import as_positive
 from .._math import components as cp
 from .._math.powers import unit
-from .light import Light
+from .brightness import Light
 
 _NONE = 1e-30  # the square of a sine below this counts as zero
 
@@ -44,9 +44,7 @@ class EllipsoidBrightness(Light):
     semi_axes: Float[Array, "*batch 3"]
 
     def __init__(self, semi_axes: Any, sun: Any, observer: Any, *, phase: Any = None, magnitude: bool = False):
-        self.semi_axes = as_floats("semi_axes", semi_axes, (3,))
-        positive = "must be positive and finite"
-        require("semi_axes", self.semi_axes, lambda x: np.isfinite(x) & (x > 0), positive, "check their units.")
+        self.semi_axes = as_positive("semi_axes", semi_axes, (3,), cure="check their units.")
         self._view(sun, observer, phase, magnitude)
 
     def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:

@@ -11,7 +11,7 @@ The format is the Attitude Ephemeris Message (AEM) as text of keywords and value
 standard: CCSDS 504.0-B-1 (2008) and 504.0-B-2 (2024).
 
 Modules: `epochs` (calendars, leap seconds), `frames` (names), `forms` (quaternions, Euler angles, spin), `message` (the
-content of a file), `keywords`, `reader` and `writer`. They need no other package.
+content of a file), `reader` and `writer`. They need no other package.
 """
 
 from .message import AttitudeFile as AttitudeFile

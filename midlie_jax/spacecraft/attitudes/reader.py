@@ -11,9 +11,19 @@ from ..._math.euler import sequence_of
 from .epochs import Epoch, check_system
 from .forms import FORMS
 from .frames import check_frame
-from .keywords import HEADER, METADATA, NEEDED_IN_HEADER, ONLY_IN, needed_in
 from .message import AttitudeFile, Segment, body_of
 
+# The keywords, by version of the standard: tables 4-2 and 4-3.
+_HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+_NEEDED_IN_HEADER = ("CREATION_DATE", "ORIGINATOR")
+_NEEDED = (
+    "OBJECT_NAME", "OBJECT_ID", "REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "START_TIME", "STOP_TIME", "ATTITUDE_TYPE",
+)  # fmt: skip
+_METADATA = (
+    *_NEEDED, "CENTER_NAME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "EULER_ROT_SEQ", "INTERPOLATION_METHOD",
+    "INTERPOLATION_DEGREE",
+)  # fmt: skip
+_ONLY_IN = {"1.0": ("ATTITUDE_DIR", "QUATERNION_TYPE", "RATE_FRAME"), "2.0": ("ANGVEL_FRAME",)}
 _UNIT = 1e-3  # allowed deviation of the length of a quaternion from 1, because a file holds rounded numbers
 
 
@@ -71,10 +81,10 @@ class _Reader(NamedTuple):
         keyword, version = self.pair(first) if "=" in first.text else ("", "")
         if keyword != "CCSDS_AEM_VERS":
             raise self.error(first, f"must be CCSDS_AEM_VERS = 2.0 or 1.0, got {first.text!r}.")
-        if version not in ONLY_IN:
+        if version not in _ONLY_IN:
             raise self.error(first, f"CCSDS_AEM_VERS must be 1.0 or 2.0, got {version!r}.")
-        header, comments, last = self.block(lines, HEADER, "META_START", first)
-        for needed in NEEDED_IN_HEADER:
+        header, comments, last = self.block(lines, _HEADER, "META_START", first)
+        for needed in _NEEDED_IN_HEADER:
             if needed not in header:
                 raise self.error(last, f"the header above has no {needed}.")
         segments: list[Segment] = []
@@ -119,11 +129,11 @@ class _Reader(NamedTuple):
         raise self.error(last, f"the file ends before {end}.")
 
     def segment(self, lines: Iterator[_Line], version: str, begin: _Line) -> Segment:
-        known = (*METADATA, *ONLY_IN[version])
+        known = (*_METADATA, *_ONLY_IN[version])
         found, comments, end = self.block(lines, known, "META_STOP", begin)
         metadata = {name: value for name, (value, _) in found.items()}
         form = metadata.get("ATTITUDE_TYPE", "").upper()
-        for needed in needed_in(version, form):
+        for needed in _needed_in(version, form):
             if needed not in metadata:
                 raise self.error(end, f"the metadata from line {begin.number} on have no {needed}.")
         if form not in FORMS or version not in FORMS[form].versions:
@@ -224,3 +234,15 @@ class _Reader(NamedTuple):
         if not np.isfinite(value) or "_" in cell:
             raise self.error(line, f"must hold finite numbers, got {cell!r}.")
         return value
+
+
+def _needed_in(version: str, form: str) -> tuple[str, ...]:
+    """The required keywords of the metadata, for an ATTITUDE_TYPE."""
+    more = ["ATTITUDE_DIR"] if version == "1.0" else []
+    if version == "1.0" and form.startswith("QUATERNION"):
+        more.append("QUATERNION_TYPE")
+    if form.startswith("EULER_ANGLE"):
+        more.append("EULER_ROT_SEQ")
+    if form.endswith("/ANGVEL"):
+        more.append("ANGVEL_FRAME")
+    return (*_NEEDED, *more)
