@@ -36,7 +36,7 @@ from unit_cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax._checks.arguments import require_resolved
+from midlie_jax._checks.arguments import require_resolved, same_dtype
 from midlie_jax.drivers.arguments import check_clock
 from midlie_jax.drivers.observe.observables import QUANTITIES
 from midlie_jax.model import densities, orbits, torques
@@ -137,6 +137,21 @@ def test_torques_and_orbits_in_other_units_are_the_same(dtype, name):
 )
 def test_functions_in_other_units_give_the_same(dtype, name):
     check_units(dtype, name)
+
+
+class Plain(Units):
+    """Numbers of Python; vectors, which have no plain form, are float32."""
+
+    def __call__(self, value: Any, dimension: tuple[int, int, int] = NUMBER) -> Any:
+        return super().__call__(value, dimension) if np.ndim(value) else float(value)
+
+
+@pytest.mark.parametrize("name", TORQUES)
+def test_python_numbers_keep_float32(name):
+    torque, body, state, _ = TORQUES[name].build(Plain("float32"))
+    same_dtype("the state", state.momentum, torque=torque)
+    found = jax.eval_shape(lambda t, state: torque.on(body)(t, state), jnp.float32(0.0), state)
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(found)} == {"float32"}
 
 
 def public(module: Any, kind: Any = object) -> set[str]:

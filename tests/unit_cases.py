@@ -123,17 +123,6 @@ def table(u: Units) -> Any:
 # ---- torques ----
 
 
-def on(make: Callable[[Units], Any], scene: Callable[[Units], Any], found: Any) -> Case:
-    """A torque on the body and the state of a scene, at a time."""
-
-    def build(u: Units) -> tuple[Any, ...]:
-        made = scene(u)
-        body, state = made if isinstance(made, tuple) else (None, made)
-        return make(u), body, state, u(0.75, TIME)
-
-    return Case(build, lambda torque, body, state, t: torques.on_body(torque, body)(t, state), found)
-
-
 def alone(u: Units) -> Any:
     return rigid(u), turning(u)
 
@@ -142,82 +131,80 @@ def moving(u: Units) -> Any:
     return free(u), travelling(u)
 
 
-LOAD = ml.torques.Wrench(jnp.zeros(3), jnp.zeros(3))  # for its structure
 WRENCH = "wrench"
-TORQUE = ENERGY
-FIELD = ENERGY  # of spins, which have no dimension here
+TORQUE = FIELD = ENERGY  # of spins, which have no dimension here
+
+
+def on(make: Callable[[Units], Any], scene: Callable[[Units], Any] = alone) -> Case:
+    """A torque on the body and the state of a scene, at a time."""
+    found = WRENCH if scene in (moving, pair) else TORQUE
+    return Case(
+        lambda u: (make(u), *scene(u), u(0.75, TIME)),
+        lambda torque, body, state, t: torques.on_body(torque, body)(t, state),
+        found,
+    )
+
 
 TORQUES = {
-    "HeavyTop": on(lambda u: torques.HeavyTop(u(2.0, TORQUE), (0.48, -0.6, 0.64)), alone, TORQUE),
-    "DipoleInField": on(lambda u: torques.DipoleInField(u(VECTOR, TORQUE), u(OTHER)), alone, TORQUE),
-    "GravityGradient": on(lambda u: ml.spacecraft.GravityGradient(None, round_orbit(u), u(20.0, MU)), alone, TORQUE),
+    "HeavyTop": on(lambda u: torques.HeavyTop(u(2.0, TORQUE), (0.48, -0.6, 0.64))),
+    "DipoleInField": on(lambda u: torques.DipoleInField(u(VECTOR, TORQUE), u(OTHER))),
+    "GravityGradient": on(lambda u: ml.spacecraft.GravityGradient(None, round_orbit(u), u(20.0, MU))),
     "GravityGradient on an ellipse": on(
-        lambda u: ml.spacecraft.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU)), alone, TORQUE
+        lambda u: ml.spacecraft.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU))
     ),
-    "GravityGradient on a table": on(
-        lambda u: ml.spacecraft.GravityGradient(None, table(u), u(6.0, MU)), alone, TORQUE
-    ),
-    "EddyCurrents": on(lambda u: ml.spacecraft.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR)), alone, TORQUE),
-    "Held": on(
-        lambda u: torques.Held(u([VECTOR, (0.4, 0.1, -0.7)], TORQUE), u(8.0, TIME), u(-8.0, TIME)), alone, TORQUE
-    ),
-    "Pulses": on(lambda u: torques.Pulses(u([-4.0], TIME), u(8.0, TIME), u(VECTOR, TORQUE)), alone, TORQUE),
-    "Damping": on(lambda u: torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
-    "PDControl": on(
-        lambda u: ml.spacecraft.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION)), alone, TORQUE
-    ),
-    "MomentumWheels": on(lambda u: ml.spacecraft.MomentumWheels(u(VECTOR, MOMENTUM)), alone, TORQUE),
+    "GravityGradient on a table": on(lambda u: ml.spacecraft.GravityGradient(None, table(u), u(6.0, MU))),
+    "EddyCurrents": on(lambda u: ml.spacecraft.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR))),
+    "Held": on(lambda u: torques.Held(u([VECTOR, (0.4, 0.1, -0.7)], TORQUE), u(8.0, TIME), u(-8.0, TIME))),
+    "Pulses": on(lambda u: torques.Pulses(u([-4.0], TIME), u(8.0, TIME), u(VECTOR, TORQUE))),
+    "Damping": on(lambda u: torques.Damping(u(0.5, FRICTION))),
+    "PDControl": on(lambda u: ml.spacecraft.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION))),
+    "MomentumWheels": on(lambda u: ml.spacecraft.MomentumWheels(u(VECTOR, MOMENTUM))),
     "ReactionWheels": on(
-        lambda u: ml.spacecraft.ReactionWheels(jax.tree_util.Partial(_wheels, u(VECTOR, MOMENTUM), u(2.0, TIME))),
-        alone,
-        TORQUE,
+        lambda u: ml.spacecraft.ReactionWheels(jax.tree_util.Partial(_wheels, u(VECTOR, MOMENTUM), u(2.0, TIME)))
     ),
-    "Drag": on(
-        lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY), u(OTHER, SPEED)), alone, TORQUE
-    ),
-    "Drag of a free body": on(lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY)), moving, WRENCH),
+    "Drag": on(lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY), u(OTHER, SPEED))),
+    "Drag of a free body": on(lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY)), moving),
     "Sunlight": on(
         lambda u: ml.asteroids.Sunlight(
             surface(u), u(UNIT), u(5.0, (0, 1, -3)), 0.3, 0.2, 0.5, speed_of_light=u(2.0, SPEED)
         ),
         moving,
-        WRENCH,
     ),
-    "FreeMolecularDrag": on(lambda u: ml.spacecraft.FreeMolecularDrag(surface(u), u(0.1, DENSITY)), moving, WRENCH),
+    "FreeMolecularDrag": on(lambda u: ml.spacecraft.FreeMolecularDrag(surface(u), u(0.1, DENSITY)), moving),
     "FreeMolecularDrag in a warm gas": on(
         lambda u: ml.spacecraft.FreeMolecularDrag(
             surface(u), u(0.1, DENSITY), u(OTHER, SPEED), wall_speed=u(0.2, SPEED), thermal_speed=u(0.6, SPEED)
-        ),
-        alone,
-        TORQUE,
+        )
     ),
-    "UniformGravity": on(lambda u: torques.UniformGravity(u(VECTOR, ACCELERATION)), moving, WRENCH),
-    "PointMass": on(lambda u: torques.PointMass(u(20.0, MU)), moving, WRENCH),
-    "Oblateness": on(lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, u(UNIT)), moving, WRENCH),
-    "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving, WRENCH),
-    "Thrust": on(lambda u: ml.spacecraft.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving, WRENCH),
-    "MutualGravity": on(lambda u: ml.asteroids.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair, WRENCH),
-    "SolarTide": on(lambda u: ml.asteroids.SolarTide(round_orbit(u), u(20.0, MU)), moving, WRENCH),
+    "UniformGravity": on(lambda u: torques.UniformGravity(u(VECTOR, ACCELERATION)), moving),
+    "PointMass": on(lambda u: torques.PointMass(u(20.0, MU)), moving),
+    "Oblateness": on(lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, u(UNIT)), moving),
+    "Oblateness without gradient": on(
+        lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, gradient=False), moving
+    ),
+    "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving),
+    "Thrust": on(lambda u: ml.spacecraft.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving),
+    "MutualGravity": on(lambda u: ml.asteroids.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair),
+    "SolarTide": on(lambda u: ml.asteroids.SolarTide(round_orbit(u), u(20.0, MU)), moving),
     "TidalDissipation": on(
-        lambda u: ml.asteroids.TidalDissipation(u(2.0, (3, -1, -2)), u(0.3, TIME), u(1.0, LENGTH)), pair, WRENCH
+        lambda u: ml.asteroids.TidalDissipation(u(2.0, (3, -1, -2)), u(0.3, TIME), u(1.0, LENGTH)), pair
     ),
-    "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair, WRENCH),
-    "PairForces": on(pair_forces, pair, WRENCH),
+    "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair),
+    "PairForces": on(pair_forces, pair),
     "Rod": on(
-        lambda u: ml.molecules.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))),
-        pair,
-        WRENCH,
+        lambda u: ml.molecules.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))), pair
     ),
-    "AppliedField": on(lambda u: ml.spins.AppliedField(u(VECTOR, FIELD)), chain, FIELD),
-    "Exchange": on(lambda u: ml.spins.Exchange(u(1.5, FIELD)), chain, FIELD),
-    "DzyaloshinskiiMoriya": on(lambda u: ml.spins.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain, FIELD),
-    "Anisotropy": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD), u(UNIT)), chain, FIELD),
-    "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain, FIELD),
-    "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
+    "AppliedField": on(lambda u: ml.spins.AppliedField(u(VECTOR, FIELD)), chain),
+    "Exchange": on(lambda u: ml.spins.Exchange(u(1.5, FIELD)), chain),
+    "DzyaloshinskiiMoriya": on(lambda u: ml.spins.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain),
+    "Anisotropy": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD), u(UNIT)), chain),
+    "Anisotropy about z": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD)), chain),
+    "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain),
+    "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION))),
 }
 # Made of functions alone, whose numbers are the user's, and base classes.
 WITHOUT_UNITS = {
-    *("BodyTorque", "FromPotential", "Prescribed", "VelocityDependent", "Torque", "SpinField", "OwnField", "Orbit"),
+    *("BodyTorque", "FromPotential", "Prescribed", "VelocityDependent", "Torque", "SpinField", "OwnField", "Orbit")
 }
 
 
