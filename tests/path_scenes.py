@@ -340,6 +340,7 @@ BATHS: dict[str, tuple[str, Any]] = {
     "recoil, axis": ("free axis", recoil("free axis")),
     "sum": ("free", summed(langevin("free"), recoil("free"))),
     "tensor": ("tensor", langevin("tensor", friction=np.diag([0.4, 0.6, 0.9]) + 0.1)),
+    "compensated": ("compensated", langevin("compensated")),
     "axis": ("axis", with_field(langevin("axis"), torques.FromPotential(pull))),
     "travelling": ("free", with_field(langevin("free"), torques.FromPotential(pull))),
     "travelling axis": ("free axis", langevin("free axis")),
@@ -348,7 +349,7 @@ BATHS: dict[str, tuple[str, Any]] = {
     "spins": ("lattice", thermal),
 }
 NOISES = ("free", "kT(t)", "axis", "five", "travelling axis", "spins", "friction(t)", "recoil")
-IN_MOMENTUM = ("spins", "recoil", "recoil, axis", "sum")  # not for BROWNIAN
+IN_MOMENTUM = ("spins", "recoil", "recoil, axis", "sum", "compensated")  # not for BROWNIAN
 HEATED = [name for name, scheme in SCHEMES.items() if any(kind == BATH for kind, _ in scheme.stages)]
 IN_TURN = {bath: HEATED[n % len(HEATED)] for n, bath in enumerate(BATHS)}
 
