@@ -210,10 +210,9 @@ def test_a_free_dipole_responds_as_debye_says():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("x", [0.5, 3.0])
-def test_a_dipole_comes_to_the_boltzmann_distribution(x):
+def test_a_dipole_comes_to_the_boltzmann_distribution():
     """<cos> = coth x - 1/x, at steps of a tenth of the time in which the axis forgets its direction."""
-    count = 2000
+    count, x = 2000, 3.0
     bath, field = Langevin(1.0, 1.0, keys(count)), ml.torques.HeavyTop(-x)
     run = {"dt": 0.05, "steps": 400, "save_every": 20, "observe": ml.observe.Axis(), "bath": bath}
     cosine = np.asarray(ml.ensemble(METHOD, BODY, field, at_rest(count), **run).states)[:, 5:, 2].mean(1)
@@ -221,7 +220,7 @@ def test_a_dipole_comes_to_the_boltzmann_distribution(x):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["free", "free axis", "two", "five"])
+@pytest.mark.parametrize("name", ["free axis", "two", "five"])
 def test_a_harmonic_well_has_the_variance_of_the_scheme(name):
     """With a = h k/g and rho = 1 - a + a^2/2 it is kT h/g (1 + rho^2)/(1 - rho^2), which is kT/k (1 + O(a^2))."""
     count, stiffness, friction, h = 8000, 2.0, 0.8, 0.2

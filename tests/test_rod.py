@@ -122,21 +122,6 @@ def test_momenta_are_conserved_to_rounding(elements):
     assert float(jnp.linalg.norm(path.states.attitude[-1] - start.attitude)) > 0.3
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("name", "order"), [("DLM[EA]", 2), ("JACOBI[SRKN6b]", 4)])
-def test_the_energy_error_is_bounded_with_the_order_of_the_method(name, order):
-    body, rod, start = twisting(5, 0.5)
-    errors = []
-    for dt in (0.04, 0.02):
-        path = ml.integrate(name, body, rod, start, dt=dt, steps=round(40 / dt), save_every=round(0.4 / dt))
-        energy = np.asarray(ml.observe.energy(body, rod, path))
-        sizes = np.abs(energy[1:] / energy[0] - 1)
-        assert sizes[50:].max() < 3 * sizes[:50].max()
-        errors.append(sizes.max())
-    assert errors[0] < 0.01
-    assert np.log2(errors[0] / errors[1]) > order - 0.4
-
-
 def stiffness(rod, start):
     """The second derivative of the potential with turns and places of the bodies, (6 N, 6 N)."""
     count = start.count
@@ -182,18 +167,6 @@ def test_the_first_frequency_of_a_slender_cantilever():
     assert abs(errors[-1]) < 2e-3
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
     assert abs(errors[1] - (errors[0] - errors[1]) / 3) < 2e-5
-
-
-@pytest.mark.sample(0)
-def test_a_run_swings_with_the_first_frequency():
-    (body, rod, start), ratio, shape = modes(4, 0.05)
-    zeros, size = np.zeros((4, 3)), 1e-6 / np.abs(shape).max()
-    moved = start.plus(jnp.asarray(np.concatenate([zeros, size * shape[:, :3], zeros, size * shape[:, 3:]], 1).ravel()))
-    period = 2 * np.pi / (ratio * FIRST_MODE * 0.025)
-    path = ml.integrate("JACOBI[SRKN6b]", body, rod, moved, dt=period / 1024, steps=1024, save_every=128)
-    way = np.asarray(path.states.position - start.position[None])[:, -1]
-    wanted = np.cos(2 * np.pi * np.arange(9) / 8)[:, None] * way[0]
-    np.testing.assert_allclose(way, wanted, atol=2e-4 * np.abs(way).max())
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The site: its pages, links of names where it is certain what they mean, notebooks as stored, formulas."""
+"""The site: its pages, and links of names where it is certain what they mean."""
 
 import re
 
@@ -32,13 +32,3 @@ def test_explained_names_are_public():
     for page, begins in hooks.EXPLAINED.items():
         assert (DOCS / page).read_text().startswith("# ")
         assert [begin for begin in begins if not any(entry.startswith(begin) for entry in entries)] == []
-    assert "::: midlie_jax.baths.Langevin\n\nSee [Bodies in a heat bath](heat.md)." in TOPICS["api-heat-baths.md"]
-
-
-def test_formulas_become_mathml():
-    pytest.importorskip("math_core")  # of the extra docs
-    made = hooks.with_mathml(r'<p>A <span class="arithmatex">\(a &lt; b\)</span>, <code>$x$</code>.</p>', "heat.md")
-    assert made == "<p>A <math><mi>a</mi><mo>&lt;</mo><mi>b</mi></math>, <code>$x$</code>.</p>"
-    assert 'display="block"' in hooks.with_mathml('<div class="arithmatex">\\[\na\n\\]</div>', "heat.md")
-    with pytest.raises(ValueError, match=r"heat\.md must have formulas in LaTeX, got"):
-        hooks.with_mathml(r'<span class="arithmatex">\(\nothing\)</span>', "heat.md")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, epsilon, turn
-from travel_cases import MASS, start
+from travel_cases import start
 
 import midlie_jax as ml
 
@@ -198,22 +198,3 @@ def test_a_body_that_does_not_travel_has_its_sites_about_the_fixed_point():
     np.testing.assert_allclose(here, ml.molecules.sites(state, points) - state.position[None], atol=1e-15)
     found = ml.molecules.wrench_on_sites(state.turning, points, forces).torque
     np.testing.assert_array_equal(found, ml.molecules.wrench_on_sites(state, points, forces).torque)
-
-
-@pytest.mark.sample(0)
-def test_a_molecule_runs_in_a_field_on_its_sites():
-    """A charge on each site in a uniform field: what the centre of mass does has a closed form."""
-    body, points = ml.molecules.from_points(WATER_MASSES, WATER)
-    body = ml.FreeBody(body.body, MASS)
-    state = start("free")
-    field = jnp.array([[0.1, 0.0, 0.2], [0.3, -0.1, 0.0], [0.0, 0.0, 0.1]])
-
-    def torque(t, s):
-        del t
-        return ml.molecules.wrench_on_sites(s, points, field)
-
-    path = ml.integrate("JACOBI[EA]", body, torque, state, dt=1e-3, steps=20, save_every=20)
-    assert path.ok
-    t = 0.02
-    expected = state.position + t * state.linear / MASS + t**2 / 2 * jnp.sum(field, axis=0) / MASS
-    np.testing.assert_allclose(path.states.position[-1], expected, atol=1e-14)

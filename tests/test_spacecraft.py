@@ -22,20 +22,7 @@ def run(torque, method="JACOBI[EA]", dt=0.02, steps=500, body=BODY, start=START,
 
 
 @pytest.mark.sample(0)
-def test_damping_takes_the_energy_at_the_rate_of_its_power():
-    path = run(torques.Damping(jnp.array([0.1, 0.2, 0.0])), dt=0.005, steps=1000)
-    # dE/dt = Omega . T, by the trapezium rule on the momentum of a fine run.
-    fine = ml.integrate("JACOBI[EA]", BODY, torques.Damping(jnp.array([0.1, 0.2, 0.0])), START, dt=0.005, steps=1000)
-    velocity = np.asarray(ml.observe.angular_velocity(BODY, fine.states))
-    power = -(velocity**2 @ np.array([0.1, 0.2, 0.0]))
-    lost = np.sum((power[1:] + power[:-1]) / 2) * 0.005
-    energy = np.asarray(ml.observe.kinetic_energy(BODY, path.states))
-    assert energy[-1] - energy[0] == pytest.approx(lost, rel=1e-5)
-    assert energy[-1] < 0.7 * energy[0]
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("turn", [0.3, 3.0, -2.5])
+@pytest.mark.parametrize("turn", [3.0, -2.5])
 def test_control_brings_a_body_to_its_target_and_to_rest(turn):
     """From either side of half a turn, by the short way: no more than the angle at the start."""
     target = so3.exp(jnp.array([-0.4, 0.2, 0.6]))
