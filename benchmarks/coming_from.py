@@ -11,16 +11,16 @@ from typing import Any
 
 import one_core  # noqa: F401
 from harness import Table, main
-from laboratory.coming_from import MARK, PAGES, missing, module_of
+from laboratory.coming_from import MARK, PAGES, missing
 
 
 def measure(name: str, options: Any) -> None:
     if absent := missing(name):
         sys.exit(f"the left column needs {' and '.join(absent)}, which is not installed.")
-    module = module_of(name)
-    heads = "one core", module.TITLE, "midlie_jax", "ratio"
-    Table(f"coming-from/{name}.md", MARK, heads, module.rows).show(options.write)
+    page = PAGES[name]
+    heads = "one core", page.title, "midlie_jax", "ratio"
+    Table(f"coming-from/{name}.md", MARK, heads, page.rows).show(options.write)
 
 
 if __name__ == "__main__":
-    main(__doc__, {name: partial(measure, name) for name in PAGES})
+    main(__doc__, {name: partial(measure, name) for name in sorted(PAGES)})

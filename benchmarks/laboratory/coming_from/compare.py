@@ -1,13 +1,75 @@
-"""What the pages share: both columns run, their difference, and the rows of a table."""
+"""What the pages docs/coming-from/*.md share: both columns run as they stand, their difference, the rows of a table."""
 
-from collections.abc import Iterable, Iterator
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from . import columns, module_of, quantities
 from .alone import Outcome, run
 
-Row = tuple[str, str, str, str]
+FOLDER = Path(__file__).resolve().parents[3] / "docs" / "coming-from"
+MARK = "measured"
+Row = tuple[str, str, str, str]  # what is measured, the other program, midlie_jax, and the first over the second
+
+_TABLE = re.compile(r"^<table>.*?^</table>$", re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(r"^```(py|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+class Page(NamedTuple):
+    """A page, which shows the same run in another program and in this one.
+
+    Attributes:
+        title: the program, as the page and its tables call it.
+        needs: the packages that the left column imports, beside this one; a name in capitals is that of an environment
+            variable which says in which folder a program stands.
+        within: the largest difference between the quantities of the two columns that the page allows.
+        rows: yields the rows of the measured table.
+        heads: the programs at the head of the left columns, where a page has several.
+        further: as `within`, of the last of several tables.
+        quantities: what both columns end with.
+    """
+
+    title: str
+    needs: tuple[str, ...]
+    within: float
+    rows: Callable[[], Iterator[Row]]
+    heads: tuple[str, ...] = ()
+    further: float | None = None
+    quantities: tuple[str, ...] = ("times", "attitude")
+
+
+PAGES: dict[str, Page] = {}  # by the names of their files
+
+
+def missing(name: str) -> list[str]:
+    """The packages and programs of the left column that are not installed."""
+    return [need for need in PAGES[name].needs if not (os.environ.get(need) if need.isupper() else find_spec(need))]
+
+
+def tables(name: str) -> list[tuple[str, str]]:
+    """The two programs (left, right) of each table of a page whose columns are programs."""
+    found: list[tuple[str, str]] = []
+    for table in _TABLE.findall((FOLDER / f"{name}.md").read_text()):
+        blocks = _BLOCK.findall(table)
+        if [language for language, _ in blocks] != ["py", "python"]:
+            raise ValueError(f"a table of {name}.md has not one py block and then one python block.")
+        found.append((blocks[0][1], blocks[1][1]))
+    return found
+
+
+def columns(name: str) -> tuple[str, str]:
+    """The two programs (left, right) of the first table of a page, "The same run in both"."""
+    return tables(name)[0]
+
+
+def joined(name: str) -> tuple[str, str]:
+    """The two programs of all tables of a page, where a later one needs what stands in the first."""
+    left, right = ("\n".join(codes) for codes in zip(*tables(name), strict=True))
+    return left, right
 
 
 def changed(code: str, *changes: tuple[str, str]) -> str:
@@ -35,7 +97,7 @@ def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
 
 def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None) -> None:
     """Checks that both programs have the same motion."""
-    allowed: float = module_of(name).WITHIN if within is None else within
+    allowed = PAGES[name].within if within is None else within
     for quantity, value in ours.values.items():
         difference = gap(quantity, theirs.values[quantity], value)
         assert difference <= allowed, f"{quantity} of {name} differs by {difference:.1e}, more than {allowed:.1e}"
@@ -50,7 +112,7 @@ def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tup
         codes: the two programs; by default those of the first table of the page.
     """
     left, right = codes or columns(name)
-    theirs, ours = run(left, quantities(name), later), run(right, quantities(name), later)
+    theirs, ours = (run(code, PAGES[name].quantities, later) for code in (left, right))
     agree(name, theirs, ours)
     return theirs, ours
 
