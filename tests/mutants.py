@@ -9,6 +9,7 @@ status is the number of survivors.
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,186 +18,73 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
-class Mutant(NamedTuple):
-    """A wrong line.
-
-    Attributes:
-        file: below `midlie_jax`.
-        right, wrong: a part of the line that occurs once in the file, and what takes its place.
-        killers: arguments of pytest that select tests.
-    """
-
-    file: str
-    right: str
-    wrong: str
-    killers: str
-
-
+# The file below `midlie_jax`, a part of a line that occurs once in it, with «right→wrong», and the tests that kill it.
 MUTANTS = {
-    # model
-    "dexp": Mutant("model/so3.py", "cp.scale(_versine(x), first)", "cp.scale(-_versine(x), first)", "test_so3.py"),
-    "unequal moments": Mutant(
-        "model/inertia.py",
-        "cp.scale(per_unit, (b - c, c - a, a - b))",
-        "cp.scale(per_unit, (b - c, c - a, b - a))",
-        "test_flights.py",
+    "dexp": ("model/so3.py", "cp.scale(«→-»_versine(x), first)", "so3"),
+    "unequal moments": ("model/inertia.py", "cp.scale(per_unit, (b - c, c - a, «a - b→b - a»))", "flights"),
+    "spread of a bath": ("model/exposure.py", "root_of(-jnp.expm1(-«2 * →»rate * time))", "heat"),
+    "torque of J2": ("model/torques/travel.py", "cp.scale(«-→»6, cp.cross(n, of_n))", "paths -k slope"),
+    "force of J2": ("model/torques/travel.py", "(15 «-→+» 105 * s2) * square, of_u", "paths -k slope"),
+    "mutual potential": ("asteroids/mutual_gravity.py", "total + 0.«1→»25 * weight", "mutual_gravity paths -k slope"),
+    "gravity gradient": (
+        *("spacecraft/gravity_gradient.py", "return «3→2» * self.mu * inverse * inverse"),
+        "torques orbits api_examples",
     ),
-    "spread of a bath": Mutant(
-        "model/exposure.py",
-        "root_of(-jnp.expm1(-2 * rate * time))",
-        "root_of(-jnp.expm1(-rate * time))",
-        "test_heat.py",
+    "rod": ("molecules/rod_torque.py", "cp.scale(«0.5→1.0», cp.cross(lever, rodrigues))", "paths -k slope"),
+    "Dzyaloshinskii-Moriya": (
+        *("spins/neighbours.py", "cp.«subtract→add»(near(axis, 1), near(axis, -1))"),
+        "paths -k slope",
     ),
-    "torque of J2": Mutant(
-        "model/torques/travel.py",
-        "cp.scale(-6, cp.cross(n, of_n))",
-        "cp.scale(6, cp.cross(n, of_n))",
-        "test_paths.py -k slope",
+    "eddy currents": (
+        *("spacecraft/eddy_currents.py", "cp.cross(«self._times(induced), field→field, self._times(induced)»)"),
+        "sunlight -k eddy",
     ),
-    "force of J2": Mutant(
-        "model/torques/travel.py",
-        "(15 - 105 * s2) * square, of_u",
-        "(15 + 105 * s2) * square, of_u",
-        "test_paths.py -k slope",
+    "sunlight": ("asteroids/sunlight.py", "«2 * →»surface.areas * specular", "sunlight api_examples"),
+    "thin gas": (
+        *("spacecraft/free_molecular_drag.py", "(thermal * thermal) «/ 2 →»* z"),
+        "surface sunlight api_examples",
     ),
-    "mutual potential": Mutant(
-        "asteroids/mutual_gravity.py",
-        "total + 0.125 * weight",
-        "total + 0.25 * weight",
-        "test_mutual_gravity.py test_paths.py -k slope",
+    "points": (
+        *("molecules/points.py", "jnp.«sum(masses[:, None] * →mean(»places, axis=0, keepdims=True)"),
+        "sites api_examples",
     ),
-    "gravity gradient": Mutant(
-        "spacecraft/gravity_gradient.py",
-        "return 3 * self.mu * inverse * inverse",
-        "return 2 * self.mu * inverse * inverse",
-        "test_torques.py test_orbits.py test_api_examples.py",
+    "JACOBI": ("integrators/flights/jacobi.py", "1 - «2 * →»square * sine * sine", "flights"),
+    "SYMMETRIC": ("integrators/flights/symmetric.py", "h / 2 * ((c «-→+» a) * momentum[2])", "flights"),
+    "LIEMID": ("integrators/flights/lie_midpoint.py", "cp.scale(2«→.001» * factor, u)", "flights"),
+    "DLM": (
+        *("integrators/flights/three_axis.py", "((2, 0.5), (1, 0.5), (0, 1.0), («1, 0.5), (2→2, 0.5), (1», 0.5))"),
+        "flights",
     ),
-    "rod": Mutant(
-        "molecules/rod_torque.py",
-        "cp.scale(0.5, cp.cross(lever, rodrigues))",
-        "cp.scale(1.0, cp.cross(lever, rodrigues))",
-        "test_paths.py -k slope",
+    "CHIN4A": ("integrators/schemes.py", "(0.0, 1 / «48→24», 0.0)", "schemes order_conditions"),
+    "bath in a step of no length": (
+        *("integrators/splitting.py", "jnp.where(self.h «==→<» 0, old, new)"),
+        "paths -k bath",
     ),
-    "Dzyaloshinskii-Moriya": Mutant(
-        "spins/neighbours.py",
-        "cp.subtract(near(axis, 1), near(axis, -1))",
-        "cp.add(near(axis, 1), near(axis, -1))",
-        "test_paths.py -k slope",
+    "clock": ("drivers/clock.py", "_EXACT_BITS = «24→31»", "inputs -k exact_index"),
+    "index of a step": (
+        *("drivers/integrate.py", "interval_starts = «first + →»save_every * jnp.arange("),
+        "runs paths -k continued",
     ),
-    "eddy currents": Mutant(
-        "spacecraft/eddy_currents.py",
-        "cp.cross(self._times(induced), field)",
-        "cp.cross(field, self._times(induced))",
-        "test_sunlight.py -k eddy",
+    "last chunk": ("drivers/chunks.py", "jnp.minimum(jnp.arange(chunks * size), count - «1→2»)", "ensemble"),
+    "adaptive clock": ("drivers/variable_step.py", "clock.half + dt «/ 2 →»* slope", "adaptive"),
+    "merged covariance": (
+        *("drivers/observe/statistics.py", "jnp.sum(part.scatter, axis=0)« + between→»"),
+        "spread paths -k statistics",
     ),
-    "sunlight": Mutant(
-        "asteroids/sunlight.py",
-        "2 * surface.areas * specular",
-        "surface.areas * specular",
-        "test_sunlight.py test_api_examples.py",
+    "interpolation": ("diffrax/interpolation.py", "return s * s * («3 - 2 *→2 -» s),", "dense_output dense_step"),
+    "degrees of freedom": ("fitting/estimate.py", "dof = count« - vector.size→»", "fit_result"),
+    "scattered rotations": (
+        *("scattering/distributions.py", "return normal / «jnp.sqrt(square)→square».reshape(1)"),
+        "scatter",
     ),
-    "thin gas": Mutant(
-        "spacecraft/free_molecular_drag.py",
-        "(thermal * thermal) / 2 * z",
-        "(thermal * thermal) * z",
-        "test_surface.py test_sunlight.py test_api_examples.py",
+    "stability limit": ("integrators/limits.py", "(1 - «2 * →»next(weights, 0.0) * x * x)", "limits"),
+    "periods of tumbling": (
+        *("asteroids/tumbling_motion.py", "return shape.precession * shape.period / «(2 * pi)→pi»"),
+        "tumbling",
     ),
-    "points": Mutant(
-        "molecules/points.py",
-        "jnp.sum(masses[:, None] * places, axis=0, keepdims=True)",
-        "jnp.mean(places, axis=0, keepdims=True)",
-        "test_sites.py test_api_examples.py",
-    ),
-    # methods
-    "JACOBI": Mutant(
-        "integrators/flights/jacobi.py", "1 - 2 * square * sine * sine", "1 - square * sine * sine", "test_flights.py"
-    ),
-    "SYMMETRIC": Mutant(
-        "integrators/flights/symmetric.py",
-        "h / 2 * ((c - a) * momentum[2])",
-        "h / 2 * ((c + a) * momentum[2])",
-        "test_flights.py",
-    ),
-    "LIEMID": Mutant(
-        "integrators/flights/lie_midpoint.py",
-        "cp.scale(2 * factor, u)",
-        "cp.scale(2.001 * factor, u)",
-        "test_flights.py",
-    ),
-    "DLM": Mutant(
-        "integrators/flights/three_axis.py",
-        "((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))",
-        "((2, 0.5), (1, 0.5), (0, 1.0), (2, 0.5), (1, 0.5))",
-        "test_flights.py",
-    ),
-    "CHIN4A": Mutant(
-        "integrators/schemes.py", "(0.0, 1 / 48, 0.0)", "(0.0, 1 / 24, 0.0)", "test_schemes.py test_order_conditions.py"
-    ),
-    "bath in a step of no length": Mutant(
-        "integrators/splitting.py",
-        "jnp.where(self.h == 0, old, new)",
-        "jnp.where(self.h < 0, old, new)",
-        "test_paths.py -k bath",
-    ),
-    # drivers
-    "clock": Mutant("drivers/clock.py", "_EXACT_BITS = 24", "_EXACT_BITS = 31", "test_inputs.py -k exact_index"),
-    "index of a step": Mutant(
-        "drivers/integrate.py",
-        "interval_starts = first + save_every * jnp.arange(",
-        "interval_starts = save_every * jnp.arange(",
-        "test_runs.py test_paths.py -k continued",
-    ),
-    "last chunk": Mutant(
-        "drivers/chunks.py",
-        "jnp.minimum(jnp.arange(chunks * size), count - 1)",
-        "jnp.minimum(jnp.arange(chunks * size), count - 2)",
-        "test_ensemble.py",
-    ),
-    "adaptive clock": Mutant(
-        "drivers/variable_step.py", "clock.half + dt / 2 * slope", "clock.half + dt * slope", "test_adaptive.py"
-    ),
-    "merged covariance": Mutant(
-        "drivers/observe/statistics.py",
-        "jnp.sum(part.scatter, axis=0) + between",
-        "jnp.sum(part.scatter, axis=0)",
-        "test_spread.py test_paths.py -k statistics",
-    ),
-    # uses
-    "interpolation": Mutant(
-        "diffrax/interpolation.py",
-        "return s * s * (3 - 2 * s),",
-        "return s * s * (2 - s),",
-        "test_dense_output.py test_dense_step.py",
-    ),
-    "degrees of freedom": Mutant(
-        "fitting/estimate.py", "dof = count - vector.size", "dof = count", "test_fit_result.py"
-    ),
-    "scattered rotations": Mutant(
-        "scattering/distributions.py",
-        "return normal / jnp.sqrt(square).reshape(1)",
-        "return normal / square.reshape(1)",
-        "test_scatter.py",
-    ),
-    "stability limit": Mutant(
-        "integrators/limits.py",
-        "(1 - 2 * next(weights, 0.0) * x * x)",
-        "(1 - next(weights, 0.0) * x * x)",
-        "test_limits.py",
-    ),
-    "periods of tumbling": Mutant(
-        "asteroids/tumbling_motion.py",
-        "return shape.precession * shape.period / (2 * pi)",
-        "return shape.precession * shape.period / pi",
-        "test_tumbling.py",
-    ),
-    "noise": Mutant(
-        "_math/normals.py", "_signed(cosine, drawn[i])", "_signed(cosine, drawn[i + 1])", "test_normals.py"
-    ),
+    "noise": ("_math/normals.py", "_signed(cosine, drawn[i«→ + 1»])", "normals"),
 }
 
 
@@ -216,7 +104,7 @@ def fails(folder: Path, tests: str) -> bool:
     """Whether one of these tests of the sample fails in the copy."""
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", "--sample", "-x"]
     names, _, keyword = tests.partition(" -k ")
-    command += [f"tests/{name}" for name in names.split()] + (["-k", keyword] if keyword else [])
+    command += [f"tests/test_{name}.py" for name in names.split()] + (["-k", keyword] if keyword else [])
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     if done.returncode not in (0, 1):  # no tests, or pytest itself failed
@@ -225,16 +113,17 @@ def fails(folder: Path, tests: str) -> bool:
 
 
 def verdict(name: str, everything: bool) -> str:
-    began, mutant = time.monotonic(), MUTANTS[name]
+    began, (file, line, killers) = time.monotonic(), MUTANTS[name]
+    right, wrong = (re.sub("«(.*)→(.*)»", rf"\{n}", line) for n in (1, 2))
     with tempfile.TemporaryDirectory() as folder:
         copied(Path(folder))
-        path = Path(folder) / "midlie_jax" / mutant.file
+        path = Path(folder) / "midlie_jax" / file
         text = path.read_text()
-        if text.count(mutant.right) != 1:
-            found = f"SURVIVED: the line occurs {text.count(mutant.right)} times in {mutant.file}"
+        if text.count(right) != 1:
+            found = f"SURVIVED: the line occurs {text.count(right)} times in {file}"
         else:
-            path.write_text(text.replace(mutant.right, mutant.wrong))
-            found = "killed" if fails(Path(folder), mutant.killers) else "SURVIVED"
+            path.write_text(text.replace(right, wrong))
+            found = "killed" if fails(Path(folder), killers) else "SURVIVED"
             if everything and found == "SURVIVED" and fails(Path(folder), ""):
                 found = "killed by another test"
     print(f"{name:32} {found} ({time.monotonic() - began:.0f} s)", flush=True)

@@ -16,16 +16,14 @@ import os
 import re
 import shlex
 import subprocess
-import sys
 import textwrap
 import venv
 from pathlib import Path
 from typing import NamedTuple
 
-import packaged
 import pytest
 from cases import benchmark
-from packaged import ROOT
+from test_release import PROJECT, ROOT, build, unpacked
 
 from midlie_jax.cli.main import read
 
@@ -72,10 +70,8 @@ def newcomer(tmp_path_factory):
     """Runs a command in an empty folder, in an environment with the wheel and its core dependencies."""
     folder = tmp_path_factory.mktemp("empty")
     home = tmp_path_factory.mktemp("environment")
-    wheel = packaged.build(ROOT, tmp_path_factory.mktemp("wheel"), "wheel")
-    sources = packaged.unpacked(
-        packaged.build(ROOT, tmp_path_factory.mktemp("sdist"), "sdist"), tmp_path_factory.mktemp("sources")
-    )
+    wheel, sdist = (build(ROOT, tmp_path_factory.mktemp(kind), kind) for kind in ("wheel", "sdist"))
+    sources = unpacked(sdist, tmp_path_factory.mktemp("sources"))
     venv.create(home, with_pip=True)
     kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "XLA_FLAGS", "VIRTUAL_ENV")}
     quiet = {"PIP_QUIET": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_FIND_LINKS": str(wheel.parent)}
@@ -111,7 +107,7 @@ def test_the_core_alone_integrates(newcomer):
         print(ml.__version__)
     """
     done, _ = newcomer(f"python -c {shlex.quote(textwrap.dedent(program))}")
-    assert done.stdout.strip() == packaged.PROJECT["version"], done.stderr
+    assert done.stdout.strip() == PROJECT["version"], done.stderr
 
 
 @pytest.mark.parametrize("line", ["midlie scenes", "python -m midlie_jax methods", "midlie --version"])
@@ -125,16 +121,6 @@ def test_what_an_extra_brings_is_asked_for_by_name(newcomer):
     done, _ = newcomer("midlie run P1 --steps 10 --plot run.png")
     assert done.returncode == 2
     assert "pip install 'midlie_jax[cli]'" in done.stderr
-
-
-def test_what_is_not_run_is_known():
-    """Each comment is about a command; and there are few, beside those that name methods."""
-    for page in PAGES:
-        lines = [command.line for command in COMMANDS if command.page == name_of(page)]
-        for what, _ in NOT_RUN.findall(page.read_text()):
-            assert any(matches(what, line) for line in lines), f"{name_of(page)}: {what}"
-    unique = {command.line for command in COMMANDS if command.not_run and "--method" not in command.line}
-    assert len(unique) == 5, sorted(unique)
 
 
 def mentioned_only(line):
@@ -163,8 +149,3 @@ def test_the_command_runs_as_written(newcomer, line):
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     written = [word for word in shlex.split(line) if Path(word).suffix in OUTPUT]
     assert [word for word in written if not (folder / word).exists()] == []
-
-
-def test_there_is_something_to_run():
-    assert len(TO_RUN) >= 12
-    assert sys.version_info >= (3, 11)

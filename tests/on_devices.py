@@ -16,8 +16,7 @@ import conftest  # noqa: F401  (float64)
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import QUICK
-from extended import FLIGHTS
+from cases import QUICK, RIGID_FLIGHTS
 from jax.sharding import AxisType, NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -108,7 +107,7 @@ PATH = ml.Path(ALL, *[EACH] * 5)
 EVERY, SHARED, STARTED = (BODIES, WEIGHTS, STARTS), (BODY, WEIGHT, STARTS), (BODY, WEIGHTS, START)
 # A solve, a loop over stages, a table; and flights that solve, that are exact, of one axis, of turns, and of matrices.
 METHODS = ["LIEMID[I]", "JACOBI[SRKN6b]", "RK4", "SLIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]", "DLM[EA]", "DMV[EA]"]
-OTHERS = [name for name in (f"{flight}[EA]" for flight in FLIGHTS) if name not in METHODS]
+OTHERS = [name for name in (f"{flight.name}[EA]" for flight in RIGID_FLIGHTS) if name not in METHODS]
 SLOPES = ["LIEMID[EA]", "LIEMID[I]", "SYMMETRIC[EA]"]
 
 

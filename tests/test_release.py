@@ -8,41 +8,59 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
+import zipfile
 from email import message_from_bytes
+from pathlib import Path
 
-import packaged
 import pytest
-from packaged import PROJECT, ROOT
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
 
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 VERSION = PROJECT["version"]
 INFO = f"midlie_jax-{VERSION}.dist-info/"
-TESTED = (
-    "plot",
-    "progress",
-    "io",
-    "cli",
-    "molecules",
-    "test",
-)  # the extras that `make test-lowest` installs
+TESTED = "plot", "progress", "io", "cli", "molecules", "test"  # the extras that `make test-lowest` installs
+
+
+def build(source: Path, folder: Path, kind: str) -> Path:
+    """Builds the "wheel" or "sdist" of the sources into a folder; returns the file."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(folder)]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (file,) = folder.glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return file
+
+
+def unpacked(sdist: Path, folder: Path) -> Path:
+    """The root of the unpacked sources."""
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+    (root,) = folder.iterdir()
+    return root
+
+
+def contents(wheel: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.fixture(scope="module")
 def sdist(tmp_path_factory):
-    return packaged.build(ROOT, tmp_path_factory.mktemp("sdist"), "sdist")
+    return build(ROOT, tmp_path_factory.mktemp("sdist"), "sdist")
 
 
 @pytest.fixture(scope="module")
 def wheel(sdist, tmp_path_factory):
     """Built from the sdist, as an installer does where there is no wheel."""
-    source = packaged.unpacked(sdist, tmp_path_factory.mktemp("sources"))
-    return packaged.build(source, tmp_path_factory.mktemp("wheel"), "wheel")
+    source = unpacked(sdist, tmp_path_factory.mktemp("sources"))
+    return build(source, tmp_path_factory.mktemp("wheel"), "wheel")
 
 
 def test_the_wheel_is_the_package_alone(wheel):
-    files = packaged.contents(wheel)
+    files = contents(wheel)
     ours = {path.relative_to(ROOT).as_posix() for path in (ROOT / "midlie_jax").rglob("*.py*") if path.suffix != ".pyc"}
     information = {f"{INFO}{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
     assert set(files) == ours | {"midlie_jax/py.typed"} | information
@@ -53,7 +71,7 @@ def test_the_wheel_is_the_package_alone(wheel):
 
 
 def test_the_metadata_say_what_is_installed(wheel):
-    metadata = message_from_bytes(packaged.contents(wheel)[f"{INFO}METADATA"])
+    metadata = message_from_bytes(contents(wheel)[f"{INFO}METADATA"])
     assert metadata["Version"] == VERSION
     required = [line for line in metadata.get_all("Requires-Dist", []) if "extra ==" not in line]
     assert {re.match(r"[\w-]+", line)[0] for line in required} == {"jax", "numpy", "diffrax", "equinox", "jaxtyping"}

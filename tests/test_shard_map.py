@@ -6,13 +6,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from cases import whole
-from extended import FLIGHTS
+from cases import RIGID_FLIGHTS, whole
 
 # One program for each way in which a step is built; those of the other flights are of the whole matrix.
 RUNS = ["rows", "damping", "closure", "adaptive", "ensemble", "typed"]
 RUNS += ["LIEMID[I]", "JACOBI[SRKN6b]", "RK4", "SLIEMID[EA]", "JACOBI[EA]"]
-OTHERS = [name for name in (f"{flight}[EA]" for flight in FLIGHTS) if name not in RUNS]
+OTHERS = [name for name in (f"{flight.name}[EA]" for flight in RIGID_FLIGHTS) if name not in RUNS]
 SLOPES = ["slope LIEMID[EA]"]
 OTHER_SLOPES = ["slope LIEMID[I]", "slope SYMMETRIC[EA]"]
 
