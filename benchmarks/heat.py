@@ -17,16 +17,16 @@ from pathlib import Path
 
 import one_core  # noqa: F401
 from harness import main
-from laboratory.heat import averages, brownian, correlations, cost, diffusion, dumbbell, temperature
+from laboratory.heat import dipole, dumbbell, known
 
 PARTS = {
-    "dipole": averages.measure,
-    "cost": cost.TABLE,
+    "dipole": dipole.measure,
+    "cost": dipole.COST,
     "dumbbell": dumbbell.measure,
-    "correlations": correlations.measure,
-    "temperature": temperature.TABLE,
-    "diffusion": diffusion.TABLE,
-    "brownian": brownian.TABLE,
+    "correlations": known.correlations,
+    "temperature": known.TEMPERATURE,
+    "diffusion": known.DIFFUSION,
+    "brownian": known.BROWNIAN,
 }
 ARGUMENTS = {
     "--seconds": {"type": float, "default": math.inf, "help": "after which dipole measures nothing more"},

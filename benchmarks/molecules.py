@@ -14,13 +14,13 @@ from pathlib import Path
 
 import one_core  # noqa: F401
 from harness import main
-from laboratory.molecules import energies, equipartition, speeds, two_molecules
+from laboratory.molecules import box, dimer
 
 PARTS = {
-    "dimer": two_molecules.TABLE,
-    "box": energies.measure,
-    "speed": speeds.TABLE,
-    "equipartition": equipartition.measure,
+    "dimer": dimer.TABLE,
+    "box": box.energies,
+    "speed": box.SPEED,
+    "equipartition": box.equipartition,
 }
 ARGUMENTS = {
     "--minutes": {"type": float, "default": 0.0, "help": "how long the runs of equipartition go on"},

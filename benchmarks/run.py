@@ -29,7 +29,7 @@ import jax.numpy as jnp  # noqa: E402
 import limit  # noqa: E402
 import numpy as np  # noqa: E402
 from harness import Table, main  # noqa: E402
-from laboratory.kinds.rigid import rates  # noqa: E402
+from laboratory.kinds import rates  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402

@@ -14,16 +14,16 @@ Times are processor times on one core; programs that are compared take turns. Sp
 
 import one_core  # noqa: F401
 from harness import main
-from laboratory.spins import conservation, dispersion, lattice, rivals, skyrmion, symplectic, wall
+from laboratory.spins import kept, moving, rivals
 
 PARTS = {
-    "conservation": conservation.TABLE,
-    "area": symplectic.measure,
-    "dispersion": dispersion.measure,
-    "lattice": lattice.TABLE,
+    "conservation": kept.CONSERVATION,
+    "area": kept.area,
+    "dispersion": kept.dispersion,
+    "lattice": rivals.LATTICE,
     "rivals": rivals.measure,
-    "wall": wall.measure,
-    "skyrmion": skyrmion.measure,
+    "wall": moving.wall,
+    "skyrmion": moving.skyrmion,
 }
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ from pathlib import Path
 import one_core  # noqa: F401
 from harness import REPORTS, main, put, save, saved, table
 from laboratory import frontier, rivals, times_faster, work_precision
-from laboratory.families import FAMILIES
+from laboratory.frontier import FAMILIES
 from laboratory.frontier_chart import work_precision_chart
-from laboratory.rivals import spinning_top
+from laboratory.rivals import heyoka_taylor
 from laboratory.times_faster import ERRORS, inverse
 
 from midlie_jax.advice.timing import cost_clock, spread_in_words
@@ -143,13 +143,13 @@ def spin_text(comparison: work_precision.Comparison) -> list[str]:
         costs = [1e6 * frontier.best_at(points, error).cost for error in frontier.DECADES]
         return f"{min(costs):.2g} to {max(costs):.2g} µs"
 
-    if not any(point.method == spinning_top.LABEL for point in comparison.rivals):
+    if not any(point.method == heyoka_taylor.LABEL for point in comparison.rivals):
         return []
     return [
         "A spinning frame is expensive for the Taylor series of heyoka. "
         f"heyoka takes {took('heyoka')} per body for these six",
-        f"equations, and {took(spinning_top.LABEL)} for the seven equations of a spinning body "
-        f'("{spinning_top.LABEL}").',
+        f"equations, and {took(heyoka_taylor.LABEL)} for the seven equations of a spinning body "
+        f'("{heyoka_taylor.LABEL}").',
         "The tables use the times for six equations, which suffice for the axis alone.",
     ]
 

@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from laboratory import rivals, work_precision
-from laboratory.bands import BANDS
-from laboratory.families import FAMILIES
-from laboratory.frontier_chart import LEGEND, work_precision_figure
+from laboratory.frontier import FAMILIES
+from laboratory.frontier_chart import BANDS, LEGEND, work_precision_figure
 from laboratory.rivals.problem import Point
 from matplotlib.text import Text
 

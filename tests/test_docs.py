@@ -92,7 +92,7 @@ def test_tables_of_benchmarks_have_their_places():
     assert all(texts[page].index(f"<!-- {mark} -->") < texts[page].index(f"<!-- /{mark} -->") for page, mark in marks)
     written = {place for path in (ROOT / "benchmarks").rglob("*.py") for place in tables_of(path.read_text())}
     written |= {(page, "measured") for page in texts if page.startswith("coming-from/")}
-    claims = (ROOT / "benchmarks" / "laboratory" / "claims" / "page.py").read_text()
+    claims = (ROOT / "benchmarks" / "laboratory" / "claims" / "command.py").read_text()
     written |= {("reports/claims.md", mark) for mark in re.findall(r'"(claims \w+)"', claims)}
     written |= {("reports/work-precision.md", scene) for scene in benchmark("laboratory.work_precision").SCENES}
     assert marks - written == {("how-it-compares.md", "features")}

@@ -5,7 +5,7 @@ import math
 import harness
 import pytest
 from laboratory import frontier, rivals, work_precision
-from laboratory.families import FAMILIES, family, members
+from laboratory.frontier import FAMILIES, family, members
 from laboratory.frontier_chart import work_precision_figure
 from laboratory.rivals.lie_group import RKMK4
 from laboratory.rivals.problem import Point

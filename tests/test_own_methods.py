@@ -10,9 +10,8 @@ import pytest
 from cases import benchmark
 from laboratory import work_precision
 from laboratory.claims import command
-from laboratory.claims.counting import Work
 from laboratory.claims.drift import Drift
-from laboratory.claims.measure import Measured
+from laboratory.claims.measure import Measured, Work
 from test_cli import midlie
 
 import midlie_jax as ml

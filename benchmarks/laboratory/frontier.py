@@ -2,15 +2,49 @@
 
 Works on plain numbers, without JAX. Between two points of a method its cost is interpolated in the logarithms of cost
 and error. For errors larger than that of its cheapest point the cost is that of the cheapest point; for errors smaller
-than its smallest the cost is infinite.
-"""
+than its smallest the cost is infinite."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from .families import FAMILIES, GENERAL, members
+from midlie_jax.integrators.base import Method
+
 from .rivals.problem import Point
+
+# ---- the three families of methods that charts and tables of error against cost keep apart ----
+#
+# General methods are all methods. Conserving ones are the reversible and the symplectic methods, whose errors of the
+# energy stay bounded over long runs, and those that keep the energy by a projection. Symplectic ones preserve the
+# Lie-Poisson structure. Each family contains the next: the best conserving method may be a symplectic one, and the best
+# general method is the best of all.
+
+GENERAL, CONSERVING, SYMPLECTIC = FAMILIES = ("general", "conserving", "symplectic")
+
+
+def family(method: Method) -> str:
+    """The smallest family that contains the method."""
+    if method.symplectic:
+        return SYMPLECTIC
+    return CONSERVING if method.symmetric or method.keeps_energy else GENERAL
+
+
+def members(points: Iterable[Point], families: Mapping[str, str], name: str) -> list[Point]:
+    """The points of the methods that a family contains.
+
+    Args:
+        points: points of our methods.
+        families: the smallest family of each method, by the name of the method.
+        name: one of `FAMILIES`.
+    """
+    contained = FAMILIES[FAMILIES.index(name) :]
+    return [point for point in points if families[point.method] in contained]
+
+
+# ---- frontiers ----
+#
+# Between two points of a method its cost is interpolated in the logarithms of cost and error. For errors larger than
+# that of its cheapest point the cost is that of the cheapest point; for errors smaller than its smallest, infinite.
 
 DECADES = tuple(10.0**-n for n in range(3, 13))
 

@@ -1,22 +1,43 @@
 """The chart of error against cost: the frontiers of our three families in bold, beside the rivals and single methods.
 
 The left panel compares our families with other programs, by time. The right panel shows the methods that make the
-frontiers, by torque evaluations. One legend names all lines.
-"""
+frontiers, by torque evaluations. One legend names all lines."""
 
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from midlie_jax.cli.figures import SOLID, WARM, Style, heading, new_figure, panel, spread_bars, styles, write
+from midlie_jax.plot.style import BLACK, BLUE, GREEN
 
-from .bands import BANDS
-from .families import FAMILIES, members
-from .frontier import best_at, by_method, envelope, frontier
-from .kinds.rigid import RIGID
+from .frontier import FAMILIES, best_at, by_method, envelope, frontier, members
+from .kinds import RIGID
 from .rivals import RIVALS
 from .rivals.problem import Point
+
+
+class Band(NamedTuple):
+    """How the frontier of a family of methods is drawn.
+
+    Attributes:
+        colour: of the line, of the name of the family, and of its methods.
+        width: points.
+        alpha: opacity.
+    """
+
+    colour: str
+    width: float
+    alpha: float
+
+
+# From the widest to the narrowest, drawn in this order: where frontiers coincide, each is seen beside the next.
+BANDS = {
+    "general": Band(BLUE, 11.0, 0.4),
+    "conserving": Band(GREEN, 6.0, 1.0),
+    "symplectic": Band(BLACK, 2.4, 1.0),
+}
+
 
 LEGEND = "Bold: the fastest methods of midlie_jax in three families. Hollow: other programs."
 CLOSED = "free_motion is the closed form and takes no steps."

@@ -38,19 +38,10 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
     while rungs_without_gain < 3:
         steps = program.whole(count)
         (states, bodies_ok), timing = case.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
-        ends, ok = numbers(states), bool(np.all(bodies_ok))
-        error = case.error(ends) if np.all(np.isfinite(ends)) else np.inf
-        if ok and np.isfinite(error):
-            evaluations = float("nan") if case.scene.torque is None else method.evaluations * steps
-            yield Point(
-                method.name,
-                f"step {case.scene.duration / steps:.2e}",
-                error,
-                timing.seconds / case.bodies,
-                evaluations,
-                steps,
-                timing.spread,
-            )
+        setting, ends = f"step {scene.duration / steps:.2e}", numbers(states) if np.all(bodies_ok) else np.nan
+        for point in case.point(method.name, setting, ends, timing, steps, method.evaluations * steps):
+            yield point
+            error = point.error
             # Three rungs below the floor, or without gain on a run that has begun to converge, show only rounding.
             no_gain = error < _FLOOR or (best < _ROUGH and error > 0.7 * best)
             rungs_without_gain = rungs_without_gain + 1 if no_gain else 0

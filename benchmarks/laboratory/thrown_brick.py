@@ -19,7 +19,7 @@ from midlie_jax.advice.timing import timed_in_turn
 from midlie_jax.cli import scenes as package_scenes
 
 from . import scenes
-from .kinds.vectors import matrices
+from .kinds import matrices
 from .rivals.problem import program
 
 BODIES, STEPS, DT = 1024, 200, 0.01

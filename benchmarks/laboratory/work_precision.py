@@ -21,8 +21,7 @@ from midlie_jax.integrators.schemes import SCHEMES
 from midlie_jax.model.torques import on_body
 
 from . import scenes
-from .families import SYMPLECTIC, family
-from .frontier import Ratio, ratios
+from .frontier import SYMPLECTIC, Ratio, family, ratios
 from .frontier_chart import CLOSED, LEGEND
 from .kinds import kind_of, numbers
 from .ladder import FREE_MOTION, exact_point, ladder

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from . import diffrax_ode, heyoka_taylor, lie_group, mujoco_steps, scipy_dop853, spinning_top
+from . import heyoka_taylor, lie_group, mujoco_steps, runge_kutta
 from .problem import Point, Problem
 
 
@@ -28,14 +28,14 @@ class Rival(NamedTuple):
 
 RIVALS = (
     Rival("heyoka", ("heyoka",), heyoka_taylor.measure),
-    Rival("diffrax Tsit5", (), diffrax_ode.tsit5),
-    Rival("diffrax Dopri8", (), diffrax_ode.dopri8),
-    Rival("SciPy DOP853", ("scipy",), scipy_dop853.measure),
+    Rival("diffrax Tsit5", (), runge_kutta.tsit5),
+    Rival("diffrax Dopri8", (), runge_kutta.dopri8),
+    Rival("SciPy DOP853", ("scipy",), runge_kutta.dop853),
     Rival("MuJoCo RK4", ("mujoco",), mujoco_steps.rk4),
     Rival("MuJoCo implicitfast", ("mujoco",), mujoco_steps.implicitfast),
     Rival("RKMK4", (), lie_group.rkmk4),
     Rival("CF4", (), lie_group.cf4),
-    Rival(spinning_top.LABEL, ("heyoka",), spinning_top.measure),
+    Rival(heyoka_taylor.LABEL, ("heyoka",), heyoka_taylor.measure_spinning),
 )
 
 

@@ -11,19 +11,20 @@ more), `slp_vectorize`, and the integrator for a single body (twice as long and 
 spread copies of an integrator over threads, which is of no use on one core.
 
 Each variant is built anew for each tolerance, because the order of the series depends on it. The time of the same
-Python loop over batches without integration steps is subtracted, because it is not part of heyoka.
-"""
+Python loop over batches without integration steps is subtracted, because it is not part of heyoka."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from midlie_jax._xla.compiler import vector_width_options
 from midlie_jax.cli.scenes import Scene
+from midlie_jax.model.bodies import RigidBody
+from midlie_jax.model.rotor import SymmetricRotor
 
-from ..kinds import Kind
-from ..kinds.rigid import orbit_of, orbit_rates, orbit_start
+from ..kinds import SPINNING, Kind, orbit_of, orbit_rates, orbit_start
 from .problem import Point, Problem, program
 
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 1e-15)
@@ -153,3 +154,28 @@ def reference(scene: Scene, kind: Kind, states: np.ndarray, digits: int = 38) ->
         integrator.propagate_until(heyoka.real(scene.duration, prec=bits))
         ends.append(np.array([float(x) for x in integrator.state[: states.shape[1]]]))
     return np.stack(ends)
+
+
+# ---- the seven equations of a whole top, where only its axis is asked for: what a program pays for the spin ----
+
+LABEL = "heyoka, with the spin"
+
+
+def whole(problem: Problem) -> Problem:
+    """The problem of the axis, to be solved with momentum and attitude in the body frame."""
+    scene: Any = problem.scene
+    starts: Any = problem.starts
+    rotor = scene.body
+    moments = jnp.stack([rotor.moment, rotor.moment, rotor.known_along])
+    start = scene.start.with_attitude()
+    as_body = Scene(
+        *(scene.name, scene.title, RigidBody(moments), scene.torque, start),
+        *(scene.dt, scene.duration, scene.source, scene.units),
+    )
+    return problem._replace(scene=as_body, kind=SPINNING, starts=starts.with_attitude())
+
+
+def measure_spinning(problem: Problem) -> Iterator[Point]:
+    """A point for each tolerance; none where the state is not an axis."""
+    if isinstance(problem.scene.body, SymmetricRotor):
+        yield from measure(whole(problem), label=LABEL)

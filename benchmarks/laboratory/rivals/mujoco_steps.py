@@ -68,16 +68,8 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
                 return np.concatenate([moments * ends[:, 5:], ends[:, 1:5]], axis=1)
 
             ends, timing = problem.timed(run)
-            if np.all(np.isfinite(ends)):
-                yield Point(
-                    name,
-                    f"step {mj_model.opt.timestep:.2e}",
-                    problem.error(ends),
-                    timing.seconds / _BODIES,
-                    float("nan") if scene.torque is None else evaluations * steps,
-                    steps,
-                    timing.spread,
-                )
+            setting = f"step {mj_model.opt.timestep:.2e}"
+            yield from problem.point(name, setting, ends, timing, steps, evaluations * steps, _BODIES)
             if timing.seconds > _LONGEST:
                 break
             steps *= 2

@@ -4,7 +4,7 @@ What depends on the kind of state, equations and errors, is in `kinds`.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -81,6 +81,15 @@ class Problem(NamedTuple):
         """The error of the numbers (j, k) of the first j bodies at the end; at most m bodies are compared."""
         given = np.asarray(ends, np.float64)[: len(self.ends)]
         return float(np.sqrt(np.mean(self.kind.errors(given, self.ends[: len(given)]) ** 2)))
+
+    def point(
+        self, name: str, setting: str, ends: Any, timing: Timing, steps: float, evaluations: float, bodies: int = 0
+    ) -> Iterator[Point]:
+        """The point of a run of so many bodies, by default all, if its ends are finite."""
+        if np.all(np.isfinite(ends)):
+            count = math.nan if self.scene.torque is None else evaluations
+            seconds = timing.seconds / (bodies or self.bodies)
+            yield Point(name, setting, self.error(ends), seconds, count, steps, timing.spread)
 
     def timed(self, run: Callable[[], Any]) -> tuple[Any, Timing]:
         """The result of `run`, which must wait for it, and the timing of several runs."""
