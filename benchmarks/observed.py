@@ -49,6 +49,11 @@ def run(body: Any, start: Any, options: dict[str, Any]) -> Any:
     return ml.ensemble("SYMMETRIC[EA]", body, None, start, dt=0.05, steps=STEPS, **options)
 
 
+HEADS = "at each step", "ns per body-step", "more than the motion alone, ns"
+TABLE = Table("api.md", "observed", HEADS, rows)
+
+HEADS = "at each step", "ns per body-step", "more than the motion alone, ns"
+TABLE = Table("api.md", "observed", HEADS, rows)
+
 if __name__ == "__main__":
-    heads = "at each step", "ns per body-step", "more than the motion alone, ns"
-    main(__doc__, Table("api.md", "observed", heads, rows))
+    main(__doc__, TABLE)

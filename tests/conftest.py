@@ -60,7 +60,7 @@ TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
 # Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, and damage to stores.
 REST = {
     *("test_plot", "test_plot_coupled", "test_plot_room", "test_plot_travel", "test_pictures", "test_side_by_side"),
-    *("test_view", "test_bands", "test_charts", "test_claims", "test_frontier", "test_limit", "test_oracles"),
+    *("test_view", "test_bands", "test_charts", "test_benchmarks", "test_claims", "test_oracles"),
     *("test_own_methods", "test_simulate_damage", "test_stability", "test_timing", "test_work_precision"),
 }
 BEGAN = time.time()

@@ -3,11 +3,11 @@
 import re
 from functools import partial
 
-import gradient_references as references
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import test_gradient_references as references
 from cases import METHODS, each, epsilon, loop_bodies, quick, real, setup, suited
 
 import midlie_jax as ml

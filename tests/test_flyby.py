@@ -15,61 +15,42 @@ def check_ends(states):
         size = float(np.linalg.norm(end.momentum))
         np.testing.assert_allclose(state.momentum, end.momentum, atol=1e-8 * size, rtol=0)
         assert flyby.distance(state.attitude, np.array(end.attitude)) < 1e-8
-        before, after = (
-            ml.asteroids.tumble(flyby.body(), flyby.start(*end.phases)),
-            ml.asteroids.tumble(flyby.body(), state),
-        )
+        before, after = (ml.asteroids.tumble(flyby.body(), one) for one in (flyby.start(*end.phases), state))
         assert after.energy_ratio == pytest.approx(end.energy_ratio, abs=6e-6)
         assert after.momentum / before.momentum == pytest.approx(end.momentum_ratio, abs=6e-6)
         cosine = np.asarray(after.pole) @ np.asarray(before.pole)
         assert np.degrees(np.arccos(cosine)) == pytest.approx(end.pole_moves, abs=6e-4)
 
 
-def both():
-    return jax.tree.map(lambda *x: jnp.stack(x), *(flyby.start(*end.phases) for end in flyby.ENDS))
-
-
 @pytest.mark.sample(0)
-def test_starts_are_made_by_two_periods_a_pole_and_two_phases():
-    for end in flyby.ENDS:
-        state = flyby.start(*end.phases)
+def test_the_ends_by_constant_steps_and_by_steps_that_know_the_perigee():
+    """From 26 radii, with a density as it comes and fewer steps; starts are made by two periods, a pole and phases."""
+    states = [flyby.start(*end.phases) for end in flyby.ENDS]
+    for state, end in zip(states, flyby.ENDS, strict=True):
         np.testing.assert_allclose(state.momentum, end.momentum_before, atol=1e-17)
         np.testing.assert_allclose(state.attitude, end.attitude_before, atol=1e-14)
-        assert ml.asteroids.tumble(flyby.body(), state).energy_ratio == pytest.approx(1.02346487405869, rel=1e-13)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("method", "steps"), [("JACOBI[SRKN6b]", 576), ("GBS12", 192)])
-def test_ends_by_constant_steps(method, steps):
-    run = {"dt": 2 * flyby.HALF / steps, "steps": steps, "t0": -flyby.HALF}
-    path = ml.ensemble(method, flyby.body(), flyby.torque(), both(), **run)
+    both = jax.tree.map(lambda *x: jnp.stack(x), *states)
+    run = {"dt": flyby.HALF / 288, "steps": 576, "t0": -flyby.HALF}
+    path = ml.ensemble("JACOBI[SRKN6b]", flyby.body(), flyby.torque(), both, **run)
     assert path.ok.all()
     check_ends(path.states)
-
-
-@pytest.mark.sample(0)
-def test_ends_by_steps_that_know_the_perigee():
-    """From 26 radii, with a density as it comes; with fewer steps than constant ones need."""
     density = ml.densities.OrbitalDistance(flyby.orbit(), flyby.PERIGEE)
 
-    def run(state, dt):
-        return ml.integrate_variable_step(
-            "JACOBI[SRKN6b]", flyby.body(), flyby.torque(), state, density=density, dt=dt, steps=512, save_every=None,
-            t0=-flyby.HALF, t1=flyby.HALF,
-        )  # fmt: skip
+    def vary(state, dt):
+        options = {"density": density, "dt": dt, "steps": 512, "save_every": None, "t0": -flyby.HALF, "t1": flyby.HALF}
+        return ml.integrate_variable_step("JACOBI[SRKN6b]", flyby.body(), flyby.torque(), state, **options)
 
-    path = jax.vmap(run, (0, None))(both(), 150.0)
+    many = jax.jit(jax.vmap(vary, (0, None)))
+    path = many(both, 150.0)
     assert path.ok.all()
     assert np.all(path.taken < 300)
     check_ends(path.states)
-    # Two steps at the perigee, far too long for accuracy, are no failure.
-    assert jax.vmap(run, (0, None))(both(), 1200.0).ok.all()
+    assert many(both, 1200.0).ok.all()  # two steps at the perigee, far too long for accuracy, are no failure
 
 
 @pytest.mark.sample(0)
 def test_the_density_has_a_longest_step():
-    orbit = flyby.orbit()
-    state = flyby.start(0.0, 0.0)
+    orbit, state = flyby.orbit(), flyby.start(0.0, 0.0)
     density, bare = (ml.densities.OrbitalDistance(orbit, flyby.PERIGEE, longest=n) for n in (16.0, 1e12))
     for t in (0.0, 3e4, 1e5, 1e7):
         ratio = float(flyby.PERIGEE / np.linalg.norm(orbit(t))) ** 1.5

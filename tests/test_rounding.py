@@ -21,7 +21,6 @@ from cases import (
     MOMENTUM_FLIGHTS,
     RIGID_FLIGHTS,
     WAYS,
-    benchmark,
     by_turns,
     epsilon,
     equal_moments,
@@ -259,14 +258,3 @@ def test_units_change_no_bit_of_the_momentum_alone(flight, dtype):
         scaled, fine = made(moments * mass, momentum * mass * rate, dt / rate)
         assert fine.all()
         np.testing.assert_array_equal(scaled / mass / rate, end)
-
-
-def test_an_exponent_is_fitted_before_the_error_is_lost():
-    """Over three decades of steps; what is lost, or exact, is left out."""
-    growth = benchmark("laboratory.rounding_growth")
-    counts = np.unique(np.round(np.geomspace(10, 1e7, 25)).astype(int))
-    bias = 1e-9 * counts + 1e-7 * counts**0.5
-    assert abs(growth.exponent(counts, 1e-8 * counts**0.5) - 0.5) < 1e-9
-    assert abs(growth.exponent(counts, np.minimum(1e-6 * counts**1.5, 2.0)) - 1.5) < 1e-3
-    assert 0.8 < growth.exponent(counts, bias) < 1
-    assert np.isnan(growth.exponent(counts, 0.0 * counts))
