@@ -1,11 +1,9 @@
 """Gain and cost of the reversible step control of `ml.integrate_variable_step`.
 
-    python benchmarks/adaptive.py [gain] [energy] [cost] [batch]
+    python benchmarks/adaptive.py [gain] [energy]
 
 gain    error of the attitude at the end, with constant steps and with as many adaptive steps: equal torque evaluations
 energy  energy errors of two tops, one of them integrable, over a long time under four step controls
-cost    time of a step relative to a step of `ml.integrate`, vmapped
-batch   time of a useful step in a batch whose bodies take unequal steps up to t1
 """
 
 import diffrax
@@ -14,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
-from harness import Table, compiled, in_turn, main
+from harness import Table, main
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
@@ -186,52 +184,6 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
         print(f"({label}: {float(duration):.0f} time units, steps from {shortest:.3f} to {longest:.3f})", flush=True)
 
 
-COUNT = 2048
-
-
-def cost(steps=128):
-    swinging, eccentric = TOPS["a swinging Lagrange top"], satellite(0.6)
-    by_torque = ml.densities.TorqueSize(swinging[1], jnp.array(20.0), jnp.array(5.0))
-    # Each body has its own step: with equal times all bodies would share the computation of the orbit.
-    dts, counts = jnp.linspace(1e-3, 2e-3, COUNT), {"steps": steps, "save_every": steps}
-    for label, density, (body, torque, start, *_) in (
-        ("a heavy top", swinging[3], swinging),
-        ("a heavy top", by_torque, swinging),
-        ("a satellite", eccentric[3], eccentric),
-    ):
-        starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (COUNT, *x.shape)), start)
-        for name in METHODS[1:]:
-            run = (name, body, torque)
-            adaptive, constant = (
-                lambda s, dt, run=run, d=density: ml.integrate_variable_step(*run, s, density=d, dt=dt, **counts),
-                lambda s, dt, run=run: ml.integrate(*run, s, dt=dt, **counts),
-            )
-            times = in_turn([compiled(jax.vmap(f), starts, dts, options={}) for f in (adaptive, constant)], 8)
-            yield [label, f"`{name}`", f"`{type(density).__name__}`", f"{times[0] / times[1]:.2f}"]
-
-
-def batch():
-    eccentricities, many = jnp.linspace(0.0, 0.8, COUNT), {"steps": 1024, "save_every": 1024}
-    for label, values, adjoint in (
-        ("all equal (.4)", jnp.full(COUNT, 0.4), None),
-        ("all in one batch", eccentricities, None),
-        ("all in one batch, adjoint=Checkpointed(), of 1024", eccentricities, ml.Checkpointed()),
-    ):
-
-        def to_t1(eccentricity, adjoint=adjoint):
-            *case, density, _ = satellite(eccentricity)
-            path = ml.integrate_variable_step(
-                "JACOBI[EA]", *case, density=density, dt=0.01, t1=2.0, adjoint=adjoint, **many
-            )
-            return path.taken, path.ok
-
-        run = compiled(jax.vmap(to_t1), values, options={})
-        taken, ok = map(np.asarray, run())
-        assert ok.all()
-        useful = in_turn([run], 8)[0] / taken.sum() * 1e6
-        yield [label, str(taken.max()), f"{taken.mean():.0f}", f"{useful:.2f} us"]
-
-
 PRINTED = "", ""  # these tables are on no page
 TABLES = {
     "gain": Table(*PRINTED, ("case", "method", "steps", "error, constant step", "error, adaptive", "gain"), gain),
@@ -240,8 +192,6 @@ TABLES = {
         ("top", "control", "steps", "largest energy error, first eighth", "last eighth", "its mean, first", "last"),
         energy,
     ),
-    "cost": Table(*PRINTED, ("a step, vmapped", "method", "density", "time, by that of `ml.integrate`"), cost),
-    "batch": Table(*PRINTED, ("up to t1", "steps of the slowest", "mean steps", "time a useful step"), batch),
 }
 
 if __name__ == "__main__":

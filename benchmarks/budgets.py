@@ -7,9 +7,8 @@ means that the limit does not matter for this run, or that the present value is 
 """
 
 import os
-import sys
 
-from harness import Served, asked_in_turn, requests, shown
+from harness import Served, asked_in_turn, main, requests, shown
 
 from midlie_jax._xla import budgets
 
@@ -77,9 +76,10 @@ def rows(names):
             process.process.kill()
 
 
+def measure(options):
+    limits = [name for name, value in vars(budgets).items() if name.isupper() and isinstance(value, int)]
+    shown(("limit", "value", "run", "half", "doubled"), rows(options.limits or limits))
+
+
 if __name__ == "__main__":
-    if "--serve" in sys.argv:
-        serve()
-    else:
-        limits = [name for name, value in vars(budgets).items() if name.isupper() and isinstance(value, int)]
-        shown(("limit", "value", "run", "half", "doubled"), rows(sys.argv[1:] or limits))
+    main(__doc__, measure, {"limits": {"nargs": "*", "metavar": "LIMIT", "help": "by default all"}}, serve=serve)

@@ -183,17 +183,11 @@ def light_curves(options):
 
 # ---- many fits ----
 
-BRICK = np.array([0.00189422, 0.006211019, 0.007194665])  # NASA NESC check case 2, slug ft^2
-RATE = np.deg2rad([10.0, 20.0, 30.0])
+BRICK, RATE = published_fits.BRICK, np.deg2rad([10.0, 20.0, 30.0])
 TIMES = np.linspace(0.0, 30.0, 31)
 SPREAD = 1e-3 * np.linalg.norm(RATE)
 OFF = BRICK * [1.05, 0.97, 1.0]
 GUESS = OFF * (BRICK.sum() / OFF.sum()), RATE * [1.02, 0.98, 1.01]
-
-
-def free(values):
-    body = ml.RigidBody(values["moments"])
-    return body, None, ml.MomentumState(body.momentum(values["rate"]))
 
 
 def rates_of(moments, rate):
@@ -221,7 +215,7 @@ def many(options):
     clean = rates_of(BRICK, RATE)
     data = clean + SPREAD * np.random.default_rng(0).standard_normal((options.fits, *clean.shape))
     first = {"moments": fitting.Moments(GUESS[0], scale="fixed"), "rate": fitting.Free(GUESS[1])}
-    plan = fitting.prepare(free, first, fitting.Rates(TIMES, clean, SPREAD), dt=1.0)
+    plan = fitting.prepare(published_fits.free, first, fitting.Rates(TIMES, clean, SPREAD), dt=1.0)
     every = jax.vmap(lambda rates: fitting.fit_arrays(plan, first, fitting.Rates(TIMES, rates, SPREAD)))
     began = time.perf_counter()
     compiled = jax.jit(every).lower(jnp.asarray(data)).compile()

@@ -10,14 +10,11 @@ come first; no program is begun after N seconds (540 by default), and what was m
 
 The forms of a program:
 
-- `ours`: as the package compiles it, with several steps an iteration of the loop.
-- `one step a turn`: the same with one step a turn.
-- `graph`: as `ours`, with XLA's option to record the loop as a CUDA graph.
+- `midlie_jax`: as the package compiles it, with several steps an iteration of the loop.
 - `one kernel`: no program of JAX, but CUDA by hand (`limit.cu`), built by nvcc where there is one: the same arithmetic,
   and the whole run of a top in one thread of one kernel. What could be gained by leaving XLA's loop of launches.
 """
 
-import contextlib
 import itertools
 import os
 import shutil
@@ -28,7 +25,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
-from unittest import mock
 
 import diffrax
 import jax
@@ -40,8 +36,6 @@ from laboratory.kinds import rates
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.integrators.runge_kutta import RungeKutta
-from midlie_jax.integrators.splitting import Splitting
 
 jax.config.update("jax_enable_x64", True)
 DRAWN = "<!-- drawn by: `python benchmarks/gpu.py --write` -->"
@@ -49,12 +43,9 @@ DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
 # Bodies of the runs that are compared. These have 384 steps; in more, differences grow with the motion.
 COMPARED_AT = 10**6
-OURS, SINGLE, GRAPH, KERNEL = "midlie_jax", "one step a turn", "graph", "one kernel"
+OURS, KERNEL = "midlie_jax", "one kernel"
 TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
-FORMS: dict[str, dict[str, Any]] = {
-    GRAPH: {"xla_gpu_enable_command_buffer": "FUSION,WHILE", "xla_gpu_graph_min_graph_size": 1},
-}
 
 
 class Job(NamedTuple):
@@ -85,7 +76,6 @@ def jobs(quick: bool) -> Iterator[Job]:
     if quick:
         yield from (Job(method, "float32", 1000, KERNEL) for method in by_nvcc)
         yield from (Job(method, "float32", 1000) for method in METHODS)
-        yield Job("SYMMETRIC[EA]", "float32", 1000, SINGLE)
         yield from (Job(form, "float32", 1000, form) for form in (TSIT5, SOLVER))
         return
     sizes, dtypes = (6, 4, 2, 5, 3, 7), ("float32", "float64")
@@ -93,8 +83,6 @@ def jobs(quick: bool) -> Iterator[Job]:
     yield from (Job(method, dtype, 10**n, KERNEL) for n in sizes for dtype in dtypes for method in by_nvcc)
     yield from (Job(form, dtype, 10**n, form) for dtype in dtypes for n in (6, 4, 2) for form in (TSIT5, SOLVER))
     yield from (Job(method, dtype, 10**n) for dtype in dtypes for n in (6, 4, 2) for method in METHODS[3:])
-    forms = [(method, form) for form in (GRAPH, SINGLE) for method in METHODS[:2]]
-    yield from (Job(method, "float32", 10**n, form) for n in (4, 6, 2) for method, form in forms)
     yield from (Job(form, dtype, 10**n, form) for dtype in dtypes for n in (5, 3) for form in (TSIT5, SOLVER))
     yield from (Job(method, dtype, 10**n) for dtype in dtypes for n in (5, 3) for method in METHODS[3:])
 
@@ -133,16 +121,6 @@ def starts_of(job: Job) -> ml.RigidState:
     return scenes.perturbed(scene_of(job), job.bodies, 1e-3)
 
 
-def lowered(job: Job, starts: ml.RigidState):
-    """The traced program, in the form of the job; forms differ while a program is traced."""
-    jax.clear_caches()  # JAX would find the step as it was traced for another form
-    with contextlib.ExitStack() as stack:
-        if job.form == SINGLE:
-            for kind in (Splitting, RungeKutta):
-                stack.enter_context(mock.patch.object(kind, "unroll", 1))
-        return jax.jit(jax.vmap(run_of(job))).lower(starts)
-
-
 def difference(job: Job, starts: ml.RigidState, momentum) -> float:
     """Of the first bodies from the same run on the CPU, in units of eps |Pi|; NaN where that is not compared."""
     if job.form in (TSIT5, SOLVER) or job.bodies != COMPARED_AT:
@@ -179,8 +157,8 @@ def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
                     yield from attempted(by_hand, job)
                     continue
                 starts = starts_of(job)
-                options = FORMS.get(job.form, {}) if jax.default_backend() != "cpu" else {}
-                programs.append((job, starts, pool.submit(lowered(job, starts).compile, options)))
+                lowered = jax.jit(jax.vmap(run_of(job))).lower(starts)
+                programs.append((job, starts, pool.submit(lowered.compile)))
             for job, starts, future in programs:
                 yield from attempted(timed, job, future, starts)
 

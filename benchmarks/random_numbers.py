@@ -29,8 +29,7 @@ from harness import Table, main
 from jax import Array
 
 import midlie_jax as ml
-from midlie_jax._math import components as cp
-from midlie_jax._math import normals as package
+from midlie_jax._math import normals
 from midlie_jax._math.counter import words
 from midlie_jax._xla.compiler import tuned_jit
 from midlie_jax._xla.fusion import split
@@ -51,102 +50,35 @@ def chosen(key: Words, n: Array, count: int) -> Words:
     return words(key, n, 0, 0, count)
 
 
-def pcg4d(key: Words, n: Array, count: int) -> Words:
-    """Jarzynski and Olano 2020, of the sum of key and counter; not good enough, see `_math/counter.py`."""
-    result: list[Array] = []
-    for block in range(-(-count // 4)):
-        start = key[0], key[1], n.astype(jnp.uint32), word(block)
-        x, y, z, w = (v * word(1664525) + word(1013904223) for v in start)
-        for last in (False, True):
-            x = x + y * w
-            y = y + z * x
-            z = z + x * y
-            w = w + y * z
-            x, y, z, w = (x, y, z, w) if last else (v ^ (v >> word(16)) for v in (x, y, z, w))
-        result += [x, y, z, w]
-    return result[:count]
+ROTATIONS = (10, 11, 13, 23, 6, 17, 25, 18), (26, 21, 27, 5, 20, 11, 10, 20)
 
 
-ROTATIONS = {
-    2: ((13, 15, 26, 6, 17, 29, 16, 24),),
-    4: ((10, 11, 13, 23, 6, 17, 25, 18), (26, 21, 27, 5, 20, 11, 10, 20)),
-}
-
-
-def threefry(size: int, rounds: int, start: Words, key: Words) -> Words:
-    """One block of Threefry, of two or four words (Salmon et al. 2011)."""
+def threefry(start: Words, key: Words) -> Words:
+    """One block of Threefry4x32-12, four words (Salmon et al. 2011)."""
     key, start = [*key], [*start]
     parity = word(0x1BD11BDA)
     for k in key:
         parity = parity ^ k
     key.append(parity)
     x = [a + k for a, k in zip(start, key, strict=False)]
-    for r in range(rounds):
-        for pair, rotations in enumerate(ROTATIONS[size]):
-            a, b, left = 2 * pair, (2 * pair + 1 + 2 * (r % 2)) % size, rotations[r % 8]
-            b = 1 if size == 2 else b
+    for r in range(12):
+        for pair, rotations in enumerate(ROTATIONS):
+            a, b, left = 2 * pair, (2 * pair + 1 + 2 * (r % 2)) % 4, rotations[r % 8]
             x[a] = x[a] + x[b]
             x[b] = ((x[b] << word(left)) | (x[b] >> word(32 - left))) ^ x[a]
         if r % 4 == 3:
-            x = [a + key[(r // 4 + 1 + i) % (size + 1)] for i, a in enumerate(x)]
+            x = [a + key[(r // 4 + 1 + i) % 5] for i, a in enumerate(x)]
             x[-1] = x[-1] + word(r // 4 + 1)
     return x
 
 
-def by_threefry(size: int, rounds: int, key: Words, n: Array, count: int) -> Words:
-    zeros = [word(0)] * (size - 2)
-    blocks = range(-(-count // size))
-    starts = ([n.astype(jnp.uint32), word(block), *zeros] for block in blocks)
-    return [x for start in starts for x in threefry(size, rounds, start, [*key, *zeros])][:count]
+def by_threefry(key: Words, n: Array, count: int) -> Words:
+    zeros = [word(0), word(0)]
+    starts = ([n.astype(jnp.uint32), word(block), *zeros] for block in range(-(-count // 4)))
+    return [x for start in starts for x in threefry(start, [*key, *zeros])][:count]
 
 
-GENERATORS: dict[str, Callable[[Words, Array, int], Words]] = {
-    "chosen": chosen,
-    "pcg4d": pcg4d,
-    "Threefry4x32-12": partial(by_threefry, 4, 12),
-    "Threefry2x32-13": partial(by_threefry, 2, 13),
-}
-
-
-def floats(drawn: Words) -> list[Array]:
-    """Uniform in (-1, 1)."""
-    return [jax.lax.bitcast_convert_type(w | word(1), jnp.int32).astype(jnp.float32) * 2.0**-31 for w in drawn]
-
-
-def uniform(drawn: Words, count: int) -> Sequence[Array]:
-    """Numbers of mean zero and variance one; what remains is the cost of the words."""
-    return [3**0.5 * x for x in floats(drawn[:count])]
-
-
-def inverse(drawn: Words, count: int) -> Sequence[Array]:
-    """sqrt(2) erfinv (M. Giles, Approximating the erfinv function, 2010), with the package's root and library's log."""
-    near = (1.50140941, 0.246640727, -0.00417768164, -0.00125372503, 0.00021858087, -4.39150654e-06, -3.5233877e-06)
-    far = (2.83297682, 1.00167406, 0.00943887047, -0.0076224613, 0.00573950773, -0.00367342844, 0.00134934322)
-    near, far = (*near, 3.43273939e-07, 2.81022636e-08), (*far, 0.000100950558, -0.000200214257)
-    numbers: list[Array] = []
-    for x in floats(drawn[:count]):
-        w = -jnp.log((1 - x) * (1 + x))
-        p, q = cp.polynomial(near, w - 2.5), cp.polynomial(far, cp.root(w) - 3)
-        numbers.append(2**0.5 * x * jnp.where(w < 5, p, q))
-    return numbers
-
-
-def library(drawn: Words, count: int) -> Sequence[Array]:
-    """Box and Muller's formulas as they stand."""
-    numbers: list[Array] = []
-    for radius, angle in zip(drawn[::2], drawn[1::2], strict=True):
-        r = jnp.sqrt(-2 * jnp.log(abs(floats([radius])[0])))
-        a = np.pi * floats([angle])[0]
-        numbers += [r * jnp.cos(a), r * jnp.sin(a)]
-    return numbers[:count]
-
-
-TRANSFORMS: dict[str, Callable[[Words, int], Sequence[Array]]] = {
-    "chosen": package.of_words,
-    "uniform": uniform,
-    "inverse": inverse,
-    "library": library,
-}
+GENERATORS: dict[str, Callable[[Words, Array, int], Words]] = {"chosen": chosen, "Threefry4x32-12": by_threefry}
 
 
 def of_jax(key: Words, n: Array, dtype: Any) -> Sequence[Array]:
@@ -155,24 +87,19 @@ def of_jax(key: Words, n: Array, dtype: Any) -> Sequence[Array]:
 
 
 class Row(NamedTuple):
-    """What is measured; without a transform, `jax.random`."""
+    """The words of the numbers, and whether these are computed in a loop of their own."""
 
     generator: str
-    transform: str | None
     apart: bool = False
 
     def numbers(self, key: Words, n: Array, dtype: Any) -> Sequence[Array]:
-        if self.transform is None:
+        if self.generator not in GENERATORS:
             return of_jax(key, n, dtype)
-        drawn = GENERATORS[self.generator](key, n, 4)
-        numbers = tuple(TRANSFORMS[self.transform](drawn, 3))
+        numbers = tuple(normals.of_words(GENERATORS[self.generator](key, n, 4), 3))
         return [x.astype(dtype) for x in (split(numbers) if self.apart else numbers)]
 
 
-ROWS = [Row("chosen", "chosen"), Row("chosen", "chosen", apart=True)]
-ROWS += [Row(name, "chosen") for name in GENERATORS if name != "chosen"]
-ROWS += [Row("chosen", name) for name in TRANSFORMS if name != "chosen"]
-ROWS += [Row("jax.random", None)]
+ROWS = [Row("chosen"), Row("chosen", apart=True), Row("Threefry4x32-12"), Row("jax.random")]
 
 
 def compiled(row: Row | None, dtype: Any) -> Callable[[], Any]:
@@ -219,11 +146,11 @@ def measured(rows: Sequence[Row], turns: int) -> Iterator[list[str]]:
             for row, run in runs.items():
                 watches[row].time(run)
         least |= {(row, dtype): min(watch.laps) * 1e9 / (CHUNKS * CHUNK * STEPS) for row, watch in watches.items()}
-    yield ["a step without numbers", "", "", *(f"{least[None, dtype]:.2f}" for dtype in dtypes)]
+    yield ["a step without numbers", "", *(f"{least[None, dtype]:.2f}" for dtype in dtypes)]
     for row in rows:
         more = [(least[row, dtype] - least[None, dtype], least[None, dtype]) for dtype in dtypes]
         place = "apart" if row.apart else "fused"
-        yield [row.generator, row.transform or "its own", place, *(f"{x:.2f} ({x / whole:.2f})" for x, whole in more)]
+        yield [row.generator, place, *(f"{x:.2f} ({x / whole:.2f})" for x, whole in more)]
 
 
 # ---- the words, for programs that test them ----
@@ -268,7 +195,7 @@ def stream(options: Any) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-COST = Table("", "", ["words", "numbers", "loop", "float32, ns", "float64, ns"])
+COST = Table("", "", ["words", "loop", "float32, ns", "float64, ns"])
 
 
 def cost(options: Any) -> None:

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 
 import jax
 from laboratory import frontier, rivals, scenes, work_precision
-from laboratory.frontier_chart import work_precision_chart
 
-from midlie_jax.advice.timing import cost_clock, one_core
+from midlie_jax.advice.timing import one_core
 from midlie_jax.cli import chosen
 from midlie_jax.cli.options import OWN, file
 from midlie_jax.cli.tables import require, show_table
@@ -46,13 +45,7 @@ def compare(options: argparse.Namespace) -> None:
     print()
     show_table(list(frontier.HEADS), [frontier.cells(row) for row in comparison.ratios])
     print(f"\n{work_precision.timing_note(comparison)}")
-    work_precision_chart(
-        *(comparison.ours, comparison.rivals, comparison.families, path),
-        title=work_precision.title(comparison.problem),
-        note=work_precision.note(comparison),
-        measured=comparison.problem.kind.measured,
-        clock=cost_clock().name,
-    )
+    work_precision.draw(comparison, path)
     print(f"\nwrote {path}")
 
 

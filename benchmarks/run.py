@@ -1,6 +1,6 @@
 """`make bench`: a table of the cost of a step, as ratios of times measured in one run.
 
-    python benchmarks/run.py [--quick | --flights | --limits] [--write]
+    python benchmarks/run.py [--quick] [--write]
 
 Every figure is the median of five runs of the fast top P1 after a first run, in processor time on one core; the process
 pins itself to that core. Compile times are of the first call, with tracing, by the wall clock. The limit in C is
@@ -323,15 +323,11 @@ def measure(options):
     if options.only_first:
         print("RESULT", ours("LIEMID[EA]", scene, 4096, 100)[0])
         return
-    whole = not (options.flights or options.limits)
-    chosen = limits(scene, 4096, 400) if options.limits else flight_rows(scene, 4096, 100)
-    TABLE.show(options.write and whole, rows(scene, options.quick) if whole else chosen)
+    TABLE.show(options.write, rows(scene, options.quick))
 
 
 ARGUMENTS = {
     "--quick": {"action": "store_true"},
-    "--flights": {"action": "store_true", "help": "only the rows that compare flights and schemes"},
-    "--limits": {"action": "store_true", "help": "only the rows that compare with the limit in C"},
     "--only-first": {"action": "store_true", "help": argparse.SUPPRESS},
     "--all-cores": {"action": "store_true", "help": argparse.SUPPRESS},
 }

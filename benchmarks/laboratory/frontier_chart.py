@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from midlie_jax.cli.figures import SOLID, WARM, Style, heading, new_figure, panel, spread_bars, styles, write
+from midlie_jax.cli.figures import SOLID, WARM, Style, heading, new_figure, panel, spread_bars, styles
 from midlie_jax.plot.style import BLACK, BLUE, GREEN
 
 from .frontier import FAMILIES, best_at, by_method, envelope, frontier, members
@@ -48,36 +48,6 @@ _NAMED = 5  # thin lines of the right panel, beside three bold ones
 _MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
 
 
-def work_precision_chart(
-    ours: Sequence[Point],
-    rivals: Sequence[Point],
-    families: Mapping[str, str],
-    path: str,
-    *,
-    title: str,
-    note: str,
-    measured: str = ATTITUDE,
-    clock: str = "time",
-) -> None:
-    """Draws the points and writes a PNG.
-
-    Args:
-        ours, rivals: from `work_precision.measure`.
-        families: the smallest family of each of our methods, by its name.
-        path: file to write; an existing file is replaced.
-        title: the scene.
-        note: how errors and times were measured.
-        measured: what the errors are of.
-        clock: the kind of time, such as "processor time".
-
-    Raises:
-        ImportError: matplotlib is missing.
-        ValueError: there is nothing to draw.
-        OSError: the file cannot be written.
-    """
-    write(work_precision_figure(ours, rivals, families, title=title, note=note, measured=measured, clock=clock), path)
-
-
 def work_precision_figure(
     ours: Sequence[Point],
     rivals: Sequence[Point],
@@ -88,7 +58,20 @@ def work_precision_figure(
     measured: str = ATTITUDE,
     clock: str = "time",
 ) -> Any:
-    """The chart as a matplotlib figure. Arguments as for `work_precision_chart`."""
+    """The chart as a matplotlib figure, for `write`.
+
+    Args:
+        ours, rivals: from `work_precision.measure`.
+        families: the smallest family of each of our methods, by its name.
+        title: the scene.
+        note: how errors and times were measured.
+        measured: what the errors are of.
+        clock: the kind of time, such as "processor time".
+
+    Raises:
+        ImportError: matplotlib is missing.
+        ValueError: there is nothing to draw.
+    """
     figure = new_figure(15.0, 8.0)
     if not ours and not rivals:
         raise ValueError(
@@ -101,12 +84,7 @@ def work_precision_figure(
     what = "steps" if torque_free else "torque evaluations"
     label = f"{what}, whole run [-]"
     error = f"error of {measured}, rms over the bodies [-]"
-    panel(
-        left,
-        "Run time",
-        f"{clock}, whole run, per body [s]",
-        error,
-    )
+    panel(left, "Run time", f"{clock}, whole run, per body [s]", error)
     panel(right, f"Number of {what}", label, "")
     for axes in (left, right):
         axes.set(xscale="log", yscale="log")

@@ -13,6 +13,7 @@ import numpy as np
 
 from midlie_jax.advice.timing import Load, cost_clock, spread_in_words
 from midlie_jax.cli import chosen
+from midlie_jax.cli.figures import write
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.integrators.base import Method
 from midlie_jax.integrators.projection import steady_potential
@@ -22,7 +23,7 @@ from midlie_jax.model.torques import on_body
 
 from . import scenes
 from .frontier import SYMPLECTIC, Ratio, family, ratios
-from .frontier_chart import CLOSED, LEGEND
+from .frontier_chart import CLOSED, LEGEND, work_precision_figure
 from .kinds import kind_of, numbers
 from .ladder import FREE_MOTION, exact_point, ladder
 from .rivals import RIVALS, Rival
@@ -179,9 +180,17 @@ def families_of(points: Sequence[Point], ours: Sequence[str | Method] = ()) -> d
     return {n: SYMPLECTIC if n == FREE_MOTION else family(known.get(n) or chosen.method(n)) for n in names}
 
 
-def title(case: Problem) -> str:
-    """The title of a chart: the scene and its duration."""
-    return f"{case.scene.name}: {case.scene.title}, T = {case.scene.duration:g}"
+def draw(comparison: Comparison, path: str, title: str = "") -> None:
+    """Writes the chart; its title is by default the scene and its duration."""
+    case = comparison.problem
+    figure = work_precision_figure(
+        *(comparison.ours, comparison.rivals, comparison.families),
+        title=title or f"{case.scene.name}: {case.scene.title}, T = {case.scene.duration:g}",
+        note=note(comparison),
+        measured=case.kind.measured,
+        clock=cost_clock().name,
+    )
+    write(figure, path)
 
 
 def note(comparison: Comparison) -> str:

@@ -19,7 +19,6 @@ from midlie_jax.integrators.splitting import Splitting
 from .drift import EIGHTHS, Drift
 from .measure import Measured
 
-PAPER, REGISTRY, PUBLISHED = "paper", "registry", "published"
 DECLARED = ("order", "momentum", "energy", "symplectic", "area", "symmetric", "no trend", "no drift", "evaluations")
 RANK = "rank"
 _EPSILON = float(np.finfo(float).eps)
@@ -46,7 +45,6 @@ class Verdict(NamedTuple):
     """Attributes:
     method: its name.
     claim: what is claimed.
-    by: who claims it: `PAPER`, `REGISTRY` or `PUBLISHED`.
     measured: what was measured, in words.
     holds: whether the claim holds.
     key: the property that is declared, one of `DECLARED`; `RANK` for a claim that needs rivals; else "".
@@ -54,7 +52,6 @@ class Verdict(NamedTuple):
 
     method: str
     claim: str
-    by: str
     measured: str
     holds: bool
     key: str = ""
@@ -193,9 +190,7 @@ def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
             not gradients,  # a gradient is a derivative of the torque, which the registry does not count
         ),
     ]
-    return [
-        Verdict(found.method, claim, REGISTRY, words, ok, key) for key, claim, words, ok, claimed in claims if claimed
-    ]
+    return [Verdict(found.method, claim, words, ok, key) for key, claim, words, ok, claimed in claims if claimed]
 
 
 def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> list[Verdict]:
@@ -222,13 +217,13 @@ def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> 
                 has_no_drift(found),
             ),
         ]
-        verdicts += [Verdict(found.method, claim, PAPER, words, ok) for claim, words, ok in claims]
+        verdicts += [Verdict(found.method, claim, words, ok) for claim, words, ok in claims]
         for claim, kind in (
             ("best of the paper's second-order methods", of_the_paper),
             ("best second-order integrator of its kind", of_its_kind),
         ):
             rank = ranked(found, methods, all_found, kind)
-            verdicts += [] if rank is None else [Verdict(found.method, claim, PAPER, *rank, RANK)]
+            verdicts += [] if rank is None else [Verdict(found.method, claim, *rank, RANK)]
     return verdicts
 
 
@@ -244,7 +239,7 @@ def published_verdicts(all_found: Sequence[Measured]) -> list[Verdict]:
                 words += f" ± {drift.spread[-1]:.0e}; the copies agree up to eighth {drift.together + 1}, "
                 words += f"{drift.mean[drift.together]:.2e}"
             claim, holds = f"drift {first:.2e} -> {last:.2e}", is_published_drift(drift, first, last)
-            verdicts.append(Verdict(found.method, claim, PUBLISHED, words, holds))
+            verdicts.append(Verdict(found.method, claim, words, holds))
     return verdicts
 
 
