@@ -88,8 +88,8 @@ def newcomer(tmp_path_factory):
     return run
 
 
-def test_the_core_alone_integrates(newcomer):
-    """With what the wheel depends on and no more."""
+def test_the_core_alone_integrates_and_has_a_command(newcomer):
+    """With what the wheel depends on and no more; what an extra brings is asked for by name."""
     program = """
         import jax, jax.numpy as jnp
         jax.config.update("jax_enable_x64", True)
@@ -108,16 +108,10 @@ def test_the_core_alone_integrates(newcomer):
     """
     done, _ = newcomer(f"python -c {shlex.quote(textwrap.dedent(program))}")
     assert done.stdout.strip() == PROJECT["version"], done.stderr
-
-
-@pytest.mark.parametrize("line", ["midlie scenes", "python -m midlie_jax methods", "midlie --version"])
-def test_the_core_alone_has_a_command(newcomer, line):
-    done, _ = newcomer(line)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
-
-
-def test_what_an_extra_brings_is_asked_for_by_name(newcomer):
+    for line in ("midlie scenes", "python -m midlie_jax methods", "midlie --version"):
+        done, _ = newcomer(line)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout
     done, _ = newcomer("midlie run P1 --steps 10 --plot run.png")
     assert done.returncode == 2
     assert "pip install 'midlie_jax[cli]'" in done.stderr

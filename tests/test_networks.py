@@ -32,8 +32,8 @@ class Hybrid(Network):
         return ml.torques.HeavyTop(2.0)(t, state) + super().__call__(t, state)
 
 
-def layers(width, out=3, activation=jnp.tanh):
-    return eqx.nn.MLP(4, out, width, depth=2, activation=activation, key=jax.random.key(0))
+def layers(width, out=3):
+    return eqx.nn.MLP(4, out, width, depth=2, activation=jnp.tanh, key=jax.random.key(0))
 
 
 def potential(net, t, state):
@@ -42,7 +42,6 @@ def potential(net, t, state):
 
 TORQUES = {
     "network": lambda width: Network(layers(width)),
-    "cheap": lambda width: Network(layers(width, activation=jax.nn.relu)),
     "hybrid": lambda width: Hybrid(layers(width)),
     "potential": lambda width: ml.torques.FromPotential(jax.tree_util.Partial(potential, layers(width, 1))),
 }
@@ -67,11 +66,9 @@ def operations(function):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("name", TORQUES)
 def test_a_wider_network_is_no_longer_program(name):
-    counts = []
-    for width in (4, 8, 16, 32, 64):
-        torque = TORQUES[name](width)
-        counts.append(len(operations(lambda t, q, f=torque: f(t, ml.RigidState(jnp.ones(3), q)))))
-    assert len(set(counts)) == 1, counts
+    torques = [TORQUES[name](width) for width in (4, 64)]
+    short, long = (operations(lambda t, q, f=f: f(t, ml.RigidState(jnp.ones(3), q))) for f in torques)
+    assert len(short) == len(long)
 
 
 @pytest.mark.parametrize("name", ["einsum_trace", "matrix_product", "exp_log"])
@@ -91,9 +88,8 @@ def last(states):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["network", "cheap"])
-def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped(name):
-    torque = TORQUES[name](8)
+def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped():
+    torque = TORQUES["network"](8)
     start = jax.tree.map(lambda x: x[0], starts())
     half = real(
         lambda start, first: last(run(torque, start, steps=STEPS // 2, save_every=STEPS // 2, first_step=first))
