@@ -11,12 +11,10 @@ Arguments that make no sense (`fuzz_arguments.py`) and runs that are changed bet
 
 import argparse
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import conftest  # also for float64 and strict promotion
@@ -283,16 +281,33 @@ def check(case: Case) -> None:
         )
 
 
-def rounds(
-    minutes: float, first: int, strategy: st.SearchStrategy, test: Callable[[Any], None], examples: int = 100
-) -> int:
+class Search(NamedTuple):
+    """A class of search: its share of the time, how its cases are drawn, the test, and how many cases a round has."""
+
+    share: float
+    cases: Callable[[], st.SearchStrategy]
+    test: Callable[[Any], Any]
+    examples: int = 100
+
+
+CLASSES = {
+    "arguments": Search(0.1, calls, check_call),
+    "rows": Search(0.1, drawn, check_rows),
+    "resume": Search(0.1, lambda: fuzz_resume.CASES, fuzz_resume.check, examples=10),
+    "files": Search(0.1, damages, check_damage, examples=10),
+    "paths": Search(0.2, lambda: fuzz_paths.CASES, fuzz_paths.check, examples=20),
+    "motion": Search(0.4, lambda: CASES, check),
+}
+
+
+def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy) -> int:
     """Rounds of hypothesis until the time is up; the number of failures, each of which is printed."""
-    end, failures, turn = time.monotonic() + 60 * minutes, 0, first
+    end, failures, turn, search = time.monotonic() + 60 * minutes, 0, first, CLASSES[name]
     while time.monotonic() < end:
 
         @seed(turn)
         @settings(
-            max_examples=examples,
+            max_examples=search.examples,
             deadline=None,
             database=None,
             report_multiple_bugs=False,
@@ -301,7 +316,7 @@ def rounds(
         )
         @given(strategy)
         def one(value: Any) -> None:
-            test(value)
+            TALLY[f"{name} {search.test(value) or 'tried'}"] += 1
             conftest.leave_maps_of_memory()
 
         try:
@@ -315,50 +330,6 @@ def rounds(
     return failures
 
 
-def counted(call: Any) -> None:
-    TALLY["calls"] += 1
-    check_call(call)
-
-
-def rows_counted(case: Any) -> None:
-    TALLY[check_rows(case)] += 1
-
-
-def resumed(case: fuzz_resume.Case) -> None:
-    TALLY["resumed"] += 1
-    fuzz_resume.check(case)
-
-
-def along_paths(drawn: fuzz_paths.Drawn) -> None:
-    TALLY["paths"] += 1
-    with tempfile.TemporaryDirectory() as folder:
-        fuzz_paths.check(drawn, Path(folder))
-
-
-def counted_file(damage: Any) -> None:
-    TALLY["files"] += 1
-    TALLY[f"files {check_damage(damage)}"] += 1
-
-
-class Search(NamedTuple):
-    """A class of search: its share of the time, how its cases are drawn, the test, and how many cases a round has."""
-
-    share: float
-    cases: Callable[[], st.SearchStrategy]
-    test: Callable[[Any], None]
-    examples: int = 100
-
-
-CLASSES = {
-    "arguments": Search(0.1, calls, counted),
-    "rows": Search(0.1, drawn, rows_counted),
-    "resume": Search(0.1, lambda: fuzz_resume.CASES, resumed, examples=10),
-    "files": Search(0.1, damages, counted_file, examples=10),
-    "paths": Search(0.2, lambda: fuzz_paths.CASES, along_paths, examples=20),
-    "motion": Search(0.4, lambda: CASES, check),
-}
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--minutes", type=float, default=5.0, help="of all classes together")
@@ -368,10 +339,9 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     failures = 0
     for name in [chosen.only] if chosen.only else CLASSES:
-        search = CLASSES[name]
-        strategy = search.cases()
+        strategy = CLASSES[name].cases()
         if name == "motion" and chosen.methods:
             strategy = strategy.filter(lambda case: case.method in chosen.methods)
-        minutes = chosen.minutes * (1 if chosen.only else search.share)
-        failures += rounds(minutes, chosen.seed, strategy, search.test, search.examples)
+        minutes = chosen.minutes * (1 if chosen.only else CLASSES[name].share)
+        failures += rounds(name, minutes, chosen.seed, strategy)
     sys.exit(failures > 0)

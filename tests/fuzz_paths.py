@@ -1,5 +1,6 @@
 """The part of `make fuzz` over execution paths: random combinations of what `test_paths.py` goes through in order."""
 
+import tempfile
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -52,7 +53,7 @@ CASES = st.builds(
 ).filter(_fits)
 
 
-def check(drawn: Drawn, folder: Any) -> None:
+def check(drawn: Drawn) -> None:
     """Raises AssertionError where a run differs from one that saves every step."""
     case = Case(drawn.scene, drawn.dtype)
     options = {"steps": drawn.steps, "save_every": drawn.save_every, "first_step": drawn.first}
@@ -83,8 +84,9 @@ def check(drawn: Drawn, folder: Any) -> None:
         given = {"dt": DT, "t0": T0, "progress": False, "chunk": drawn.chunk, **options}
         torque, starts = case.torque(case.keys(drawn.bodies)), case.starts(drawn.bodies)
         given["torque_axes"] = case.torque_axes
-        run = ml.simulate(case.scene.method, case.body, torque, starts, out=folder / "run.zarr", **given)
-        states = run.states()
+        with tempfile.TemporaryDirectory() as folder:
+            out = f"{folder}/run.zarr"
+            states = ml.simulate(case.scene.method, case.body, torque, starts, out=out, **given).states()
         found = [at(states, row) for row in rows]
         index = slice(0, drawn.steps + 1, drawn.every)  # the start and the end, if nothing is said
     for row, one in zip(rows, found, strict=True):
