@@ -83,7 +83,7 @@ class Problem(NamedTuple):
         return float(np.sqrt(np.mean(self.kind.errors(given, self.ends[: len(given)]) ** 2)))
 
     def point(
-        self, name: str, setting: str, ends: Any, timing: Timing, steps: float, evaluations: float, bodies: int = 0
+        self, name: str, setting: str, ends: Any, timing: Timing, steps: Any, evaluations: Any, bodies: int = 0
     ) -> Iterator[Point]:
         """The point of a run of so many bodies, by default all, if its ends are finite."""
         if np.all(np.isfinite(ends)):
