@@ -35,13 +35,18 @@ BRICK = ml.RigidBody([1.0, 2.0, 2.5])
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]
 
 
+def axes_of_tops(axes: Any, cases: Any, steps: int, elevation: float) -> None:
+    """The axes of heavy tops with a tilt and a push across: label, tilt, push, colour."""
+    for label, tilt, push, colour in cases:
+        start = ml.RigidState([0.0, push, 30.0], ml.so3.exp(jnp.array([tilt, 0.0, 0.0])))
+        path = ml.integrate("SYMMETRIC[CHIN4A]", TOP, GRAVITY, start, dt=0.01, steps=steps)
+        ml.plot.axis_path(axes, path, label=label, colour=colour)
+    axes.view_init(elevation, -60)
+
+
 def nutation(axes: Any) -> None:
     """A fast top that is let go at a tilt of 0.5 rad, and one that leans more."""
-    for tilt, colour in ((0.5, BLUE), (1.2, VERMILLION)):
-        start = ml.RigidState([0.0, 0.0, 30.0], ml.so3.exp(jnp.array([tilt, 0.0, 0.0])))
-        path = ml.integrate("SYMMETRIC[CHIN4A]", TOP, GRAVITY, start, dt=0.01, steps=900)
-        ml.plot.axis_path(axes, path, label=f"tilt {tilt:g} rad", colour=colour)
-    axes.view_init(35, -60)
+    axes_of_tops(axes, [("tilt 0.5 rad", 0.5, 0.0, BLUE), ("tilt 1.2 rad", 1.2, 0.0, VERMILLION)], 900, 35)
 
 
 def brick_path(momentum: Any, last: float, count: int, body: ml.RigidBody = BRICK) -> Any:
@@ -164,13 +169,8 @@ OFFSET: dict[str, Any] = {"textcoords": "offset points"}
 def tops(figure: Any) -> None:
     """The axes of three heavy tops: let go at rest, pushed forwards, pushed backwards."""
     axes = figure.add_axes((0.02, -0.1, 0.86, 1.05), projection="3d")
-    top, gravity = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
     cases = (("let go", 0.4, 0.0, BLUE), ("pushed on", 0.8, 8.0, GREEN), ("pushed back", 1.2, -8.0, VERMILLION))
-    for name, tilt, push, colour in cases:
-        start = ml.RigidState([0.0, push, 30.0], ml.so3.exp(jnp.array([tilt, 0.0, 0.0])))
-        path = ml.integrate("SYMMETRIC[CHIN4A]", top, gravity, start, dt=0.01, steps=1400)
-        ml.plot.axis_path(axes, path, label=name, colour=colour)
-    axes.view_init(38, -60)
+    axes_of_tops(axes, cases, 1400, 38)
 
 
 def asteroid(figure: Any) -> None:

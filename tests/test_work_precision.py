@@ -12,7 +12,7 @@ from laboratory import frontier, kinds, rivals, work_precision
 from laboratory import scenes as all_scenes
 from laboratory.frontier import FAMILIES, family
 from laboratory.frontier_chart import work_precision_figure
-from laboratory.rivals import heyoka_taylor, mujoco_steps, problem, runge_kutta
+from laboratory.rivals import heyoka_taylor, problem, runge_kutta
 from laboratory.rivals.lie_group import CF4, RKMK4
 from laboratory.rivals.problem import Point
 
@@ -142,8 +142,9 @@ def test_programs_reach_the_known_ends():
     (point,) = runge_kutta.dop853(top, (1e-11,))
     assert point.error < 1e-8
     pytest.importorskip("mujoco")
-    assert min(p.error for p in itertools.islice(mujoco_steps.rk4(top._replace(longest=0.0)), 5)) < 1e-5
-    assert not list(mujoco_steps.rk4(top._replace(scene=scenes.scene("gravity-gradient", "float64"))))
+    rk4 = next(rival for rival in rivals.RIVALS if rival.label == "MuJoCo RK4").measure
+    assert min(p.error for p in itertools.islice(rk4(top._replace(longest=0.0)), 5)) < 1e-5
+    assert not list(rk4(top._replace(scene=scenes.scene("gravity-gradient", "float64"))))
     pytest.importorskip("heyoka")
     assert top.error(heyoka_taylor.reference(short, top.kind, top.states[:2])) < 1e-14
     coarse, fine = heyoka_taylor.measure(top, (1e-4, 1e-8))

@@ -25,8 +25,8 @@ from . import scenes
 from .frontier import SYMPLECTIC, Ratio, family, ratios
 from .frontier_chart import CLOSED, LEGEND, work_precision_figure
 from .kinds import kind_of, numbers
-from .ladder import FREE_MOTION, exact_point, ladder
 from .rivals import RIVALS, Rival
+from .rivals.ladder import FREE_MOTION, exact_point, ladder
 from .rivals.problem import Point, Problem
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3  # bodies moved, bodies whose error is measured, size of the perturbations

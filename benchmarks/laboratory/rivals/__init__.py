@@ -5,10 +5,15 @@ They are only measured: no other part of the package uses them, and each imports
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from . import heyoka_taylor, lie_group, mujoco_steps, runge_kutta
+import diffrax
+
+from . import heyoka_taylor, mujoco_steps, runge_kutta
+from .ladder import ladder
+from .lie_group import CF4, RKMK4
 from .problem import Point, Problem
 
 
@@ -26,15 +31,24 @@ class Rival(NamedTuple):
     measure: Callable[[Problem], Iterator[Point]]
 
 
+def _diffrax(name: str, solver: Any, stages: int) -> Rival:
+    return Rival(name, (), partial(runge_kutta.measure, solver=solver, name=name, stages=stages))
+
+
+def _mujoco(name: str, integrator: str, evaluations: int) -> Rival:
+    run = partial(mujoco_steps.measure, integrator=integrator, name=name, evaluations=evaluations)
+    return Rival(name, ("mujoco",), run)
+
+
 RIVALS = (
     Rival("heyoka", ("heyoka",), heyoka_taylor.measure),
-    Rival("diffrax Tsit5", (), runge_kutta.tsit5),
-    Rival("diffrax Dopri8", (), runge_kutta.dopri8),
+    _diffrax("diffrax Tsit5", diffrax.Tsit5(), 6),
+    _diffrax("diffrax Dopri8", diffrax.Dopri8(), 13),
     Rival("SciPy DOP853", ("scipy",), runge_kutta.dop853),
-    Rival("MuJoCo RK4", ("mujoco",), mujoco_steps.rk4),
-    Rival("MuJoCo implicitfast", ("mujoco",), mujoco_steps.implicitfast),
-    Rival("RKMK4", (), lie_group.rkmk4),
-    Rival("CF4", (), lie_group.cf4),
+    _mujoco("MuJoCo RK4", "RK4", 4),
+    _mujoco("MuJoCo implicitfast", "implicitfast", 1),
+    Rival("RKMK4", (), partial(ladder, RKMK4())),
+    Rival("CF4", (), partial(ladder, CF4())),
     Rival(heyoka_taylor.LABEL, ("heyoka",), heyoka_taylor.measure_spinning),
 )
 

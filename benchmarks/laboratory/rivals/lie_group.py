@@ -5,7 +5,6 @@ momentum takes a classical Runge-Kutta step, and the attitude a step of products
 a free body.
 """
 
-from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -17,8 +16,6 @@ from midlie_jax._xla.fusion import fuse
 from midlie_jax.integrators.base import Method
 from midlie_jax.integrators.system import AnyMotion, Motion, System
 from midlie_jax.model.bodies import RigidBody
-
-from .problem import Point, Problem
 
 
 class _OnTheGroup(Method):
@@ -126,17 +123,3 @@ class CF4(_OnTheGroup):
         turned = system.turned(cp.multiply(pose, inner), outer, h)
         ok = (inner_square <= LARGEST_SQUARE) & (outer_square <= LARGEST_SQUARE)
         return Motion(cp.rotate_back(turned, momentum), turned), None, ok
-
-
-def rkmk4(problem: Problem) -> Iterator[Point]:
-    """Points of RKMK4 over a ladder of steps."""
-    from ..ladder import ladder
-
-    return ladder(RKMK4(), problem)
-
-
-def cf4(problem: Problem) -> Iterator[Point]:
-    """Points of CF4 over a ladder of steps."""
-    from ..ladder import ladder
-
-    return ladder(CF4(), problem)

@@ -39,7 +39,8 @@ def model(scene: Scene, integrator: str) -> Any:
     return mj_model
 
 
-def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> Iterator[Point]:
+def measure(problem: Problem, integrator: str, name: str, evaluations: int) -> Iterator[Point]:
+    """Points of an integrator of MuJoCo; none for a torque that MuJoCo does not have."""
     mujoco = program("mujoco")
     rollout = program("mujoco.rollout")
 
@@ -74,13 +75,3 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
                 break
             steps *= 2
     mujoco.set_mju_user_warning(None)
-
-
-def rk4(problem: Problem) -> Iterator[Point]:
-    """Points of MuJoCo's Runge-Kutta method of order 4; none for a torque that MuJoCo does not have."""
-    return _measure(problem, "RK4", "MuJoCo RK4", 4)
-
-
-def implicitfast(problem: Problem) -> Iterator[Point]:
-    """Points of MuJoCo's semi-implicit Euler method; none for a torque that MuJoCo does not have."""
-    return _measure(problem, "implicitfast", "MuJoCo implicitfast", 1)

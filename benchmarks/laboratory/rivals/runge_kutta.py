@@ -21,7 +21,8 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-1
 _PATIENCE = 6  # runs may take so many times as long as those of others, to reach the small errors that are compared
 
 
-def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
+def measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
+    """Points of a solver of diffrax with so many stages."""
     scene, orbit, equations = problem.scene, orbit_of(problem.scene), problem.kind.rates(problem.scene)
     states, size = jnp.asarray(problem.states), jnp.asarray(problem.sizes)
 
@@ -68,16 +69,6 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
             yield from problem.point(name, f"{label} {value:.1e}", ends, timing, count, stages * count)
             if timing.seconds > _PATIENCE * problem.longest:
                 break
-
-
-def tsit5(problem: Problem) -> Iterator[Point]:
-    """Points of Tsitouras' method of order 5."""
-    return _measure(problem, diffrax.Tsit5(), "diffrax Tsit5", 6)
-
-
-def dopri8(problem: Problem) -> Iterator[Point]:
-    """Points of Dormand and Prince's method of order 8."""
-    return _measure(problem, diffrax.Dopri8(), "diffrax Dopri8", 13)
 
 
 # ---- SciPy's DOP853: one body at a time in Python ----

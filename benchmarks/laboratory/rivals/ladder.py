@@ -14,8 +14,8 @@ from midlie_jax.drivers.free_motion import free_motion
 from midlie_jax.integrators.base import Method
 from midlie_jax.model.states import RigidState
 
-from .kinds import numbers
-from .rivals.problem import Point, Problem
+from ..kinds import numbers
+from .problem import Point, Problem
 
 _EVALUATIONS = 20  # of the closed form in a timed run; one alone is a tenth of a millisecond, too short for the clock
 FREE_MOTION = "free_motion"  # as points and charts name the closed form of a free body
