@@ -21,13 +21,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table
+from harness import REPORTS, Panel, Table, chart
+from harness import Line as Drawn  # `Line` is that of a spectrum
 from scipy import signal
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.cli.figures import write
-from midlie_jax.plot.style import BLUE, GREEN, GREY, VERMILLION, new_figure
+from midlie_jax.plot.style import BLUE, GREEN, VERMILLION
 
 STIFFNESS = 400.0  # V0/kT
 SHARE = 2 / 7  # I3/I1
@@ -197,47 +197,26 @@ def rows(panels: Sequence[tuple[float, Spectrum]]) -> Iterator[list[str]]:
 
 def draw(panels: Sequence[tuple[float, Spectrum]], out: Path) -> None:
     """A panel for each difference of the two stiffnesses; measured as lines, predicted as dashes."""
-    figure = new_figure(11, 4.8)
-    for panel, (difference, found) in zip(figure.subplots(1, len(panels), sharey=True), panels, strict=True):
+
+    def panel(difference: float, found: Spectrum) -> Panel:
         shown = np.abs(found.frequency - 1 - difference / 4) < _SHOWN
-        _panel(panel, Spectrum(found.frequency[shown], *(_cut(line, shown) for line in found[1:])), difference)
-        words = f"Stiffness {100 * difference:.0f} % larger across: two shoulders"
-        words = words if difference else "Equal stiffness: fast spin splits the line"
-        panel.set_title(words, loc="left", fontsize=11, weight="bold")
-        panel.set_xlabel("frequency [libration frequency]")
-    figure.axes[0].set_ylabel("spectral density of $u_x$ [rad² per libration frequency]")
-    figure.axes[0].annotate("dashed: theory", (0.76, 0.93), xycoords="axes fraction", fontsize=9)
-    figure.set_layout_engine("constrained")
-    write(figure, str(out))
+        x, lines = found.frequency[shown], list[Drawn]()
+        groups = ("all bodies", found.every, BLUE), ("fastest", found.fast, VERMILLION), ("slowest", found.slow, GREEN)
+        for name, line, colour in groups[: 1 if difference else 3]:
+            weights = maxwell() if line is found.every else line.weights
+            lines.append(Drawn("", x, line.density[shown], colour, options={"linewidth": 1.3, "label": name}))
+            lines.append(Drawn("", x, smoothed(x, weights, difference), colour, "--", options={"linewidth": 1}))
+        words = f"Stiffness {100 * difference:.0f} % larger across: two shoulders, of fast spin"
+        words = words if difference else "Equal stiffness: fast spin splits the line at ω ± l/2"
+        up = "" if difference else "spectral density of $u_x$ [rad² per libration frequency]"
+        scales = {"yscale": "log", "ylim": _DENSITIES}
+        return Panel(
+            words, "frequency [libration frequency]", up, lines, scales, lambda axes: axes.legend(frameon=False)
+        )
 
-
-def _cut(line: Line, shown: np.ndarray) -> Line:
-    return line._replace(density=line.density[shown])
-
-
-def _panel(panel: Any, found: Spectrum, difference: float) -> None:
-    groups = [(found.every, BLUE), (found.fast, VERMILLION), (found.slow, GREEN)]
-    for line, colour in groups[: 1 if difference else 3]:
-        weights = maxwell() if line is found.every else line.weights
-        panel.semilogy(found.frequency, line.density, color=colour, lw=1.3)
-        panel.semilogy(found.frequency, smoothed(found.frequency, weights, difference), color=colour, lw=1, ls="--")
-    panel.set_ylim(*_DENSITIES)
-    panel.grid(alpha=0.3, color=GREY)
-    low, high = shoulders(found.fast.spin, difference)
-    if difference:
-        _name(panel, "$ω_x$: bodies\nwith slow spin", (1.0, 0.25), (1.004, 0.3), BLUE)
-        _name(panel, "shoulder: bodies\nwith fast spin", (low, 0.02), (0.962, 0.06), BLUE)
-        _name(panel, "the other shoulder,\nabove $ω_y$", (high, 0.009), (1.032, 0.04), BLUE)
-    else:
-        _name(panel, "slowest third", (1.003, 0.11), (1.008, 0.2), GREEN)
-        _name(panel, "all bodies", (0.978, 0.004), (0.942, 0.004), BLUE)
-        _name(panel, "fastest third:\nshoulder at ω - l/2", (low, 0.045), (0.942, 0.12), VERMILLION)
-        _name(panel, "shoulder\nat ω + l/2", (high, 0.04), (1.027, 0.06), VERMILLION)
-
-
-def _name(panel: Any, text: str, place: tuple[float, float], at: tuple[float, float], colour: str) -> None:
-    arrow = {"arrowstyle": "-", "color": colour, "lw": 0.8, "shrinkB": 1}
-    panel.annotate(text, place, xytext=at, color=colour, fontsize=9, arrowprops=arrow)
+    note = "Solid: simulated, all bodies and the thirds with the fastest and slowest spin. Dashed: theory."
+    title = "The spin of a dumbbell shows in its libration spectrum"
+    chart(out, [[panel(*one) for one in panels]], (12.5, 5.4), title, note, bottom=0.12, wspace=0.2)
 
 
 TABLE = Table(

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Compiled, Table, compiled, in_turn
+from harness import REPORTS, Compiled, Line, Panel, Table, chart, compiled, in_turn
 from scipy.linalg import expm
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.cli.figures import write
-from midlie_jax.plot.style import BLUE, GREY, new_figure
+from midlie_jax.plot.style import BLUE, GREY
 
 # ---- free rotors that start at the temperature of the bath keep it, whatever is saved, with the same bits ----
 #
@@ -153,26 +152,27 @@ def correlation_rows(found: Sequence[Correlation]) -> Iterator[list[str]]:
 
 def _draw_correlations(found: Sequence[Correlation], out: Path) -> None:
     """A panel for each: points with bars of two standard errors on the known curve."""
-    figure = new_figure(9, 4.1)
-    titles = "Friction G = 1: the angular velocity", "Friction G = 20: the direction"
-    labels = "correlation ⟨Ω(0)·Ω(t)⟩ [kT/I]", "correlation ⟨u(0)·u(t)⟩ [-]"
-    curves = "3 exp(-G t)", "exp(-2 (G t - 1 + exp(-G t))/G²)"
-    for panel, one, title, label, curve in zip(figure.subplots(1, 2), found, titles, labels, curves, strict=True):
+
+    def panel(one: Correlation, title: str, up: str, curve: str) -> Panel:
         times = np.linspace(0, one.times[-1], 200)
-        panel.plot(times, one.known(times), color=GREY, lw=1.2)
-        panel.errorbar(one.times, one.found, yerr=2 * one.errors, fmt="o", ms=4, color=BLUE, capsize=2)
-        middle = one.times[TIMES // 3]
-        words: Any = {"textcoords": "offset points", "fontsize": 9}
-        panel.annotate(curve, (middle, one.known(middle)), xytext=(10, 8), color=GREY, **words)
-        panel.annotate("simulated", (one.times[1], one.found[1]), xytext=(8, 2), color=BLUE, **words)
-        panel.set_title(title, loc="left", fontsize=11)
-        panel.set_xlabel("time [√(I/kT)]")
-        panel.set_ylabel(label)
-        panel.set_ylim(bottom=0)
-        panel.grid(alpha=0.3, color=GREY)
-    figure.suptitle("The simulated correlations follow theory", x=0.01, ha="left", fontsize=12, weight="bold")
-    figure.set_layout_engine("constrained")
-    write(figure, str(out))
+        lines = [Line(curve, times, one.known(times), GREY), Line("simulated", one.times, one.found, BLUE, "o")]
+
+        def bars(axes: Any) -> None:
+            axes.errorbar(one.times, one.found, yerr=2 * one.errors, fmt="none", color=BLUE, capsize=2)
+            axes.set_ylim(bottom=0)
+
+        return Panel(title, "time [√(I/kT)]", up, lines, more=bars)
+
+    panels = [
+        panel(found[0], "Friction G = 1: the angular velocity", "correlation ⟨Ω(0)·Ω(t)⟩ [kT/I]", "3 exp(-G t)"),
+        panel(
+            found[1],
+            "Friction G = 20: the direction",
+            "correlation ⟨u(0)·u(t)⟩ [-]",
+            "exp(-2 (G t - 1 + exp(-G t))/G²)",
+        ),
+    ]
+    chart(out, [panels], (12, 4.6), "The simulated correlations follow theory", bottom=0.13, wspace=0.3)
 
 
 def correlation_words(rows: list[dict[str, str]]) -> list[str]:

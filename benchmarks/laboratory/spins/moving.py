@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from harness import REPORTS, Table
+from harness import REPORTS, Line, Panel, Table, chart
 
 import midlie_jax as ml
 from midlie_jax.cli.figures import write
-from midlie_jax.plot.style import BLACK, BLUE, GREY, VERMILLION, new_figure
+from midlie_jax.plot.style import BLACK, BLUE, VERMILLION, new_figure
 
 # ---- the wall: its speed beside Walker's closed form ----
 #
@@ -110,25 +110,17 @@ def wall_rows(speeds: Sequence[Speed]) -> Iterator[list[str]]:
 
 
 def _draw_wall(speeds: Sequence[Speed], out: Path) -> None:
-    figure = new_figure(7.2, 3.8)
-    panel = figure.subplots()
-    figure.subplots_adjust(left=0.12, right=0.98, top=0.9, bottom=0.14)
-    panel.set_title("Above Walker's field a wall slows down", loc="left", fontsize=11, weight="bold")
     most = max(one.field for one in speeds) / WALKER
-    for part in (np.linspace(0, 1, 100), np.linspace(1.0001, 1.05 * most, 400)):
-        panel.plot(part, [known(x * WALKER) for x in part], color=VERMILLION, lw=1.2)
-    panel.plot([one.field / WALKER for one in speeds], [one.found for one in speeds], "o", ms=5, color=BLUE)
-    words: Any = {"textcoords": "offset points", "fontsize": 9}
-    panel.annotate("theory: gamma d B / alpha", (1.0, known(WALKER)), xytext=(8, -8), color=VERMILLION, **words)
-    panel.annotate("theory: the wall precesses", (2.6, known(2.6 * WALKER)), xytext=(0, 14), color=VERMILLION, **words)
-    panel.annotate("simulated", (speeds[-1].field / WALKER, speeds[-1].found), xytext=(0, 12), ha="right",
-                   color=BLUE, **words)  # fmt: skip
-    panel.set_xlabel("field [Walker's field alpha K']")
-    panel.set_ylabel("speed [lattice constants per ħ/J]")
-    panel.set_ylim(bottom=0)
-    panel.set_xlim(left=0)
-    panel.grid(alpha=0.3, color=GREY)
-    write(figure, str(out))
+    names = "theory: gamma d B / alpha", "theory: the wall precesses"
+    parts = np.linspace(0, 1, 100), np.linspace(1.0001, 1.05 * most, 400)
+    lines = [
+        Line(name, part, [known(x * WALKER) for x in part], VERMILLION) for name, part in zip(names, parts, strict=True)
+    ]
+    lines.append(Line("simulated", [one.field / WALKER for one in speeds], [one.found for one in speeds], BLUE, "o"))
+    words = "field [Walker's field alpha K']", "speed [lattice constants per ħ/J]"
+    title = "Above Walker's field a wall slows down"
+    one = Panel(title, *words, lines, more=lambda axes: axes.set(xlim=(0, None), ylim=(0, None)))
+    chart(out, [[one]], (8.2, 4.0), left=0.1, right=0.98, top=0.9, bottom=0.14)
 
 
 def words(rows: list[dict[str, str]]) -> list[str]:
