@@ -473,8 +473,9 @@ def draw(found: Sequence[Rung], out: Path) -> None:
             theirs = method in THEIRS
             name = f"diffrax {method}" if theirs else method.removeprefix("SYMMETRIC[").removesuffix("]")
             style: Any = {"linestyle": "--" if theirs else "-", "marker": "s" if theirs else "o", "markersize": 3.5}
-            points = zip(*((getattr(r, across), r.error) for r in own if r.method == method), strict=True)
-            lines.append(Line(name, *points, _COLOURS[method], "", options=style))
+            points = [r for r in own if r.method == method]
+            x_values, y_values = [getattr(r, across) for r in points], [r.error for r in points]
+            lines.append(Line(name, x_values, y_values, _COLOURS[method], "", options=style))
 
         def bars(axes: Any) -> None:
             for r in own:
