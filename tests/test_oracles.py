@@ -160,13 +160,10 @@ def test_a_heavy_body_keeps_its_laws_and_motions_compose(seed):
 
 
 def test_tops_whose_motion_has_a_formula():
-    """One that sleeps, though unstable; a regular precession with a level axis, at weight / L3 = 2; and a pendulum."""
+    """One that sleeps, though unstable; and a pendulum."""
     momenta, attitudes = exact_motion(PIVOT, (0, 0, 2.0), ONE, [20.0], weight=20.0)
     assert np.all(momenta == (0, 0, 2))
     np.testing.assert_allclose(attitudes[0], (np.cos(20.0), 0, 0, np.sin(20.0)), atol=1e-15)
-    momenta, attitudes = exact_motion(PIVOT, (0.0, 10.0, 10.0), (1.0, 1.0, 0.0, 0.0), [3.0], weight=20.0)
-    np.testing.assert_allclose(np.hypot(*momenta[0, :2]), 10, atol=1e-14)
-    np.testing.assert_allclose(matrix(attitudes[0])[:, 2], (np.sin(6), -np.cos(6), 0), atol=1e-15)
     # On its separatrix, exactly: level at the start, Pi^2 / (2 I1) = weight. Then tan(theta/4) falls exponentially.
     for push in (20.0, -20.0):
         times = [0.5, 1.0, 2.0]

@@ -1,8 +1,7 @@
 """Measures error against cost, for the methods of this package and for other programs, on the same bodies.
 
 Each method is compiled once for each scene, with the number of steps and the step as arguments, and run over a ladder
-of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `ensemble` does;
-`tests/test_work_precision.py` checks that the results are equal.
+of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `ensemble` does.
 """
 
 from collections.abc import Callable, Iterator, Sequence
