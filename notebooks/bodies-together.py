@@ -139,7 +139,7 @@ bands = ml.plot.bands(axes, many.times / 3600, np.degrees(many.states), label="1
 # SPC/E, in nanometres, picoseconds and atomic mass units, so energies are in kJ/mol:
 
 # %%
-from midlie_jax.cli.moving_scenes import WATER
+from midlie_jax.cli.scene_forces import WATER
 
 body = ml.FreeBody(ml.RigidBody(np.tile(WATER.moments, (2, 1))), np.full(2, WATER.mass))
 charges = 138.935457644 * np.outer([-0.8476, 0.4238, 0.4238], [-0.8476, 0.4238, 0.4238])

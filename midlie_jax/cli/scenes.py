@@ -7,89 +7,72 @@ dtype when needed, not on import.
 from collections.abc import Callable
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from typing import Any
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jaxtyping import Float
 
+from ..asteroids.mutual_gravity import MutualGravity
 from ..model import so3
 from ..model.bodies import RigidBody
+from ..model.free_body import FreeBody
 from ..model.orbits import KeplerOrbit
-from ..model.state import Time
-from ..model.states import RigidState
-from ..model.torques import DipoleInField, FromPotential, HeavyTop, Prescribed, Torque
+from ..model.rotor import SymmetricRotor
+from ..model.states import AxisState, CoupledState, FreeState, RigidState
+from ..model.torques import DipoleInField, HeavyTop, Oblateness, PointMass, Prescribed, UniformGravity
+from ..molecules.rods import straight_rod
 from ..spacecraft.gravity_gradient import GravityGradient
-from . import moving_scenes
-from .moving_scenes import JEOD
 from .scene import Scene as Scene
 from .scene import perturbed as perturbed
+from .scene_forces import WATER, Blades, PairPotential, Pulse, Waters
 
-_WELL = (np.cos(1.25), np.sin(1.25) / np.sqrt(2.0), 0.0, np.sin(1.25) / np.sqrt(2.0))  # exp(2.5 (1, 0, 1) / sqrt(2))
-
-
-class PairPotential(Torque):
-    """The torque of the drift test of Bou-Rabee, Ortolan and Saccon, arXiv 1005.3078, by automatic differentiation.
-
-        V = (d - 1)^2 - 0.3 / dm, d = |R - 1|, dm = |R - Rm|, Rm = exp(2.5 (1, 0, 1) / sqrt(2))
-
-    It has a ring of least energy about one attitude and a well at another; the norms are Frobenius norms. For a body
-    that moves between them, the energy drifts if a method is reversible but not symplectic. The norm of R - 1 is the
-    norm of the vector part of the attitude quaternion, times the root of 8; in this form nothing cancels near R = 1.
-    """
-
-    def __call__(self, t: Time, state: Any) -> Array:
-        return FromPotential(self.potential)(t, state)
-
-    def potential(self, t: Time, state: Any) -> Array:
-        del t
-        attitude = state.attitude
-        from_well = so3.multiply(so3.conjugate(jnp.asarray(_WELL, attitude.dtype)), attitude)
-        return (_distance(attitude) - 1) ** 2 - 0.3 / _distance(from_well)
+_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+_ANY_UNITS = "any consistent units"
+_HERE = "chosen here, not published"
+_BRICK = np.array([0.00189422, 0.006211019, 0.007194665]), 0.155404754  # moments and mass, slug and ft
+_NESC = "NASA NESC six-degree-of-freedom check-case 2, as carried by nasa/simupy-flight"
+_TURN_OF_EARTH = 7.292115e-5  # rad/s
+_FOOT = 0.3048
 
 
-def _distance(quaternion: Array) -> Array:
-    """|R - 1| of the rotation of a unit quaternion."""
-    return jnp.sqrt(8 * jnp.sum(quaternion[1:] ** 2))
+class JEOD:
+    """NASA JEOD's verification case RUN_10A, kg, m and s: a satellite on a nearly circular orbit."""
+
+    mu = 3.986004415e14
+    moments = (500.0, 12250.0, 12250.0)
+    rates = (-1.97989570839746e-5, -0.001134281491669957, 0.0)  # body frame
+    position = (-4292653.41, 955168.47, 5139356.57)  # Earth-centred inertial
+    velocity = (109.649663, -7527.72649, 1484.521489)
+    to_body = (  # from inertial to body components
+        (-0.6443912270931274, 0.05284210190675609, 0.7628680480341864),
+        (-0.7615617871470506, -0.1345758407161209, -0.6339660776454052),
+        (0.06916350883930189, -0.9894933326514259, 0.1269620166955875),
+    )
+
+    @classmethod
+    def start(cls) -> tuple[np.ndarray, Any]:
+        """Momentum and attitude; an attitude is the inverse of the published matrix, from body to space."""
+        return np.array(cls.moments) * cls.rates, so3.from_matrix(jnp.asarray(cls.to_body).T)
 
 
-class Pulse(eqx.Module):
-    """A constant torque switched on and off, for `Prescribed`.
-
-    At a switch the torque is the mean of the values on both sides, so that steps that end there keep second order.
-
-    Attributes:
-        torque: the torque between the switches, (3,), body frame.
-        on, off: times of the switches, on < off.
-    """
-
-    torque: Float[Array, "3"]
-    on: float = eqx.field(static=True)
-    off: float = eqx.field(static=True)
-
-    def __call__(self, t: Any) -> Float[Array, "3"]:
-        t = jnp.asarray(t, self.torque.dtype)
-        return self.torque * ((_side(t, self.on) - _side(t, self.off)) / 2)
+Made = tuple[Any, ...]  # the body, the torque and the start; and the principal axes of a body given by a full tensor
+_SCENES: dict[str, Callable[[], Scene]] = {}
 
 
-def _side(t: Float[Array, ""], switch: float) -> Float[Array, ""]:
-    """-1 before the switch, 0 at it, 1 after it."""
-    # The end of a step may differ from the switch by the rounding of n * dt: half a unit for dt, half for the product.
-    slack = 4 * float(jnp.finfo(t.dtype).eps) * abs(switch)
-    return jnp.where(jnp.abs(t - switch) <= slack, jnp.zeros_like(t), jnp.sign(t - switch))
+def _named(
+    name: str, title: str, dt: float, duration: float, source: str, units: str = _ANY_UNITS, method: str = ""
+) -> Callable[[Callable[[], Made]], Callable[[], Made]]:
+    """Decorator that registers a scene, from the function that makes it in the widest dtype."""
 
+    def register(make: Callable[[], Made]) -> Callable[[], Made]:
+        def made() -> Scene:
+            body, torque, start, *axes = make()
+            own = {"method": method} if method else {}
+            return Scene(name, title, body, torque, start, dt, duration, source, units, *axes, **own)
 
-Maker = Callable[[Any], Scene]  # builds a scene in a dtype
-_SCENES: dict[str, Maker] = {}
-
-
-def _named(name: str) -> Callable[[Maker], Maker]:
-    """Decorator that registers the builder of a scene by the name of the scene."""
-
-    def register(make: Maker) -> Maker:
-        _SCENES[name] = make
+        _SCENES[name] = made
         return make
 
     return register
@@ -122,7 +105,9 @@ def scene(name: str, dtype: Any = None) -> Scene:
         raise ValueError(f"dtype must be floating point, got {dtype}; use float32 or float64.")
     if dtype.itemsize > widest.itemsize:
         raise ValueError(f"dtype {dtype} is off; turn it on with jax.config.update('jax_enable_x64', True).")
-    return replace(_SCENES[name](dtype), name=name)
+    made = _SCENES[name]()
+    arrays = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (made.body, made.torque, made.start, made.axes))
+    return replace(made, **dict(zip(("body", "torque", "start", "axes"), arrays, strict=True)))
 
 
 def _rotation(vector: tuple[float, float, float]) -> np.ndarray:
@@ -131,235 +116,310 @@ def _rotation(vector: tuple[float, float, float]) -> np.ndarray:
     return np.append(np.cos(angle / 2), np.asarray(vector) * np.sinc(angle / (2 * np.pi)) / 2)
 
 
-def _start(momentum: Any, attitude: Any, dtype: Any) -> RigidState:
-    return RigidState(momentum=jnp.asarray(momentum, dtype), attitude=jnp.asarray(attitude, dtype))
-
-
-def _body(moments: Any, dtype: Any) -> RigidBody:
-    return RigidBody(jnp.asarray(moments, dtype))
-
-
-_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-_ANY_UNITS = "any consistent units; z up"
 _SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who follow Krysl, IJNME 63 (2005) 2171"
 
 
-def _p1(title: str, tilt: float, spin: float, duration: float, source: str, dtype: Any) -> Scene:
+def _top(tilt: float, spin: float) -> Made:
     """The top of scene P1, started with a tilt (radian) and a momentum `spin` about its axis."""
-    return Scene(
-        name="",
-        title=title,
-        body=_body([5.0, 5.0, 1.0], dtype),
-        torque=HeavyTop(jnp.asarray(20.0, dtype)),
-        start=_start([0.0, 0.0, spin], _rotation((tilt, 0.0, 0.0)), dtype),
-        dt=0.005,
-        duration=duration,
-        source=source,
-        units=_ANY_UNITS,
-    )
+    return RigidBody([5.0, 5.0, 1.0]), HeavyTop(20.0), RigidState([0.0, 0.0, spin], _rotation((tilt, 0.0, 0.0)))
 
 
-@_named("P1")
-def _fast_top(dtype: Any) -> Scene:
-    return _p1("fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG, dtype)
+def _top_named(name: str, title: str, tilt: float, spin: float, duration: float, source: str) -> None:
+    _named(name, title, 0.005, duration, source, "any consistent units; z up")(partial(_top, tilt, spin))
 
 
-@_named("P1-tilted")
-def _tilted_top(dtype: Any) -> Scene:
-    return _p1("fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG, dtype)
+_top_named("P1", "fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG)
+_top_named("P1-tilted", "fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG)
 
 
-@_named("P2")
-def _krysl_block(dtype: Any) -> Scene:
-    moments = np.array([0.0454896, 0.0454896, 0.00139968])
-    return Scene(
-        name="",
-        title="Krysl's block, a prism 60 x 60 x 240 mm spinning on the middle of one end",
-        body=_body(moments, dtype),
-        torque=HeavyTop(jnp.asarray(2.74617216, dtype)),
-        start=_start([0.0, 0.0, moments[2] * 313 * np.pi], _rotation((0.05, 0.0, 0.0)), dtype),
-        dt=1e-4,
-        duration=0.8,
-        source="Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
-        units="kg, m, s; density 2700 kg/m^3; z up",
-    )
+@_named(
+    "P2",
+    "Krysl's block, a prism 60 x 60 x 240 mm spinning on the middle of one end",
+    1e-4,
+    0.8,
+    "Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
+    "kg, m, s; density 2700 kg/m^3; z up",
+)
+def _krysl_block() -> Made:
+    moments = [0.0454896, 0.0454896, 0.00139968]
+    start = RigidState([0.0, 0.0, moments[2] * 313 * np.pi], _rotation((0.05, 0.0, 0.0)))
+    return RigidBody(moments), HeavyTop(2.74617216), start
 
 
-@_named("slow-top")
-def _slow_top(dtype: Any) -> Scene:
-    # A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
-    source = "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published"
-    return _p1("slow heavy top: too slow to spin upright, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
+# A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
+_top_named(
+    "slow-top",
+    "slow heavy top: too slow to spin upright, it swings down and up again",
+    0.05,
+    10.0,
+    20.0,
+    "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published",
+)
 
 
-@_named("compass")
-def _compass(dtype: Any) -> Scene:
-    return Scene(
-        name="",
-        title="compass needle in a field: it swings about the field and spins slowly about its axis",
-        body=_body([1.0, 1.0, 1.2], dtype),
-        torque=DipoleInField(jnp.asarray([0.0, 0.0, 4.0], dtype), jnp.asarray([0.0, 0.0, 1.0], dtype)),
-        start=_start([0.0, 0.0, 0.6], _rotation((0.05, 0.0, 0.0)), dtype),
-        dt=0.05,
-        duration=20.0,
-        source="chosen here, not published: the frequency of small oscillations without spin is 2",
-        units=_ANY_UNITS,
-    )
+@_named(
+    "compass",
+    "compass needle in a field: it swings about the field and spins slowly about its axis",
+    0.05,
+    20.0,
+    "chosen here, not published: the frequency of small oscillations without spin is 2",
+    "any consistent units; z up",
+)
+def _compass() -> Made:
+    start = RigidState([0.0, 0.0, 0.6], _rotation((0.05, 0.0, 0.0)))
+    return RigidBody([1.0, 1.0, 1.2]), DipoleInField([0.0, 0.0, 4.0], [0.0, 0.0, 1.0]), start
 
 
-@_named("tumbling-brick")
-def _tumbling_brick(dtype: Any) -> Scene:
-    moments = np.array([0.00189422, 0.006211019, 0.007194665])
-    return Scene(
-        name="",
-        title="tumbling brick without drag, in free fall",
-        body=_body(moments, dtype),
-        torque=None,
-        start=_start(moments * np.deg2rad([10.0, 20.0, 30.0]), _UPRIGHT, dtype),
-        dt=0.05,
-        duration=30.0,
-        source="NASA NESC six-degree-of-freedom check-case 2, as carried by nasa/simupy-flight",
-        units="slug, ft, s; space is North-East-Down over the equator at longitude and time 0, not turning",
-    )
+@_named(
+    "tumbling-brick",
+    "tumbling brick without drag, in free fall",
+    0.05,
+    30.0,
+    _NESC,
+    "slug, ft, s; space is North-East-Down over the equator at longitude and time 0, not turning",
+)
+def _tumbling_brick() -> Made:
+    moments, _ = _BRICK
+    return RigidBody(moments), None, RigidState(moments * np.deg2rad([10.0, 20.0, 30.0]), _UPRIGHT)
 
 
-@_named("dzhanibekov")
-def _dzhanibekov(dtype: Any) -> Scene:
+@_named(
+    "dzhanibekov",
+    "Dzhanibekov's body: it spins about its middle axis and turns over again and again",
+    0.005,
+    20.0,
+    "moments of Hairer & Vilmart's driver; the spin is chosen here, not published",
+)
+def _dzhanibekov() -> Made:
     moments = np.array([0.6, 0.8, 1.0])
-    return Scene(
-        name="",
-        title="Dzhanibekov's body: it spins about its middle axis and turns over again and again",
-        body=_body(moments, dtype),
-        torque=None,
-        start=_start(moments * np.array([0.01, 10.0, 0.01]), _UPRIGHT, dtype),
-        dt=0.005,
-        duration=20.0,
-        source="moments of Hairer & Vilmart's driver; the spin is chosen here, not published",
-        units="any consistent units",
-    )
+    return RigidBody(moments), None, RigidState(moments * [0.01, 10.0, 0.01], _UPRIGHT)
 
 
-@_named("free-asymmetric")
-def _free_asymmetric(dtype: Any) -> Scene:
-    return Scene(
-        name="",
-        title="free asymmetric body",
-        body=_body([0.6, 0.8, 1.0], dtype),
-        torque=None,
-        start=_start([1.8, 0.4, -0.9], _UPRIGHT, dtype),
-        dt=0.01,
-        duration=10.0,
-        source="driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
-        units="any consistent units",
-    )
+@_named(
+    "free-asymmetric",
+    "free asymmetric body",
+    0.01,
+    10.0,
+    "driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
+)
+def _free_asymmetric() -> Made:
+    return RigidBody([0.6, 0.8, 1.0]), None, RigidState([1.8, 0.4, -0.9], _UPRIGHT)
 
 
-@_named("asymmetric-top")
-def _asymmetric_top(dtype: Any) -> Scene:
+@_named(
+    "asymmetric-top",
+    "asymmetric heavy top with a strong torque: no symmetry and no closed form",
+    0.01,
+    10.0,
+    _HERE,
+    "any consistent units; z up",
+)
+def _asymmetric_top() -> Made:
     attitude = np.array([0.8, 0.3, -0.4, 0.33])
-    return Scene(
-        name="",
-        title="asymmetric heavy top with a strong torque: no symmetry and no closed form",
-        body=_body([1.0, 2.0, 3.0], dtype),
-        torque=HeavyTop(jnp.asarray(3.0, dtype)),
-        start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
-        dt=0.01,
-        duration=10.0,
-        source="chosen here, not published",
-        units=_ANY_UNITS,
-    )
+    start = RigidState([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude))
+    return RigidBody([1.0, 2.0, 3.0]), HeavyTop(3.0), start
 
 
-@_named("bruls-cardona")
-def _bruls_cardona(dtype: Any) -> Scene:
+@_named(
+    "bruls-cardona",
+    "heavy top of Bruls and Cardona, axis along y, spinning at 150 rad/s",
+    0.001,
+    2.0,
+    "Bruls & Cardona, J. Comput. Nonlinear Dynam. 5 (2010) 031002; mass 15, its centre 1 from the pivot",
+    "kg, m, s; z up",
+)
+def _bruls_cardona() -> Made:
     moments = np.array([15.234375, 0.46875, 15.234375])
-    return Scene(
-        name="",
-        title="heavy top of Bruls and Cardona, axis along y, spinning at 150 rad/s",
-        body=_body(moments, dtype),
-        torque=HeavyTop(jnp.asarray(15 * 9.81, dtype), axis=(0.0, 1.0, 0.0)),
-        start=_start(moments * np.array([0.0, 150.0, -4.61538]), _UPRIGHT, dtype),
-        dt=0.001,
-        duration=2.0,
-        source="Bruls & Cardona, J. Comput. Nonlinear Dynam. 5 (2010) 031002; mass 15, its centre 1 from the pivot",
-        units="kg, m, s; z up",
-    )
+    torque = HeavyTop(15 * 9.81, axis=(0.0, 1.0, 0.0))
+    return RigidBody(moments), torque, RigidState(moments * [0.0, 150.0, -4.61538], _UPRIGHT)
 
 
-@_named("gravity-gradient")
-def _gravity_gradient(dtype: Any) -> Scene:
-    orbit = KeplerOrbit(*(jnp.asarray(x, dtype) for x in (JEOD.position, JEOD.velocity, JEOD.mu)))
-    moments = jnp.asarray(JEOD.moments, dtype)
-    return Scene(
-        name="",
-        title="satellite in the Earth's gravity gradient, on a nearly circular orbit",
-        body=_body(moments, dtype),
-        torque=GravityGradient(moments, orbit, orbit.mu),
-        # The source gives the matrix from inertial to body components; an attitude is its inverse, from body to space.
-        start=RigidState(
-            momentum=jnp.asarray(np.array(JEOD.moments) * np.array(JEOD.rates), dtype),
-            attitude=so3.from_matrix(jnp.asarray(JEOD.to_body, dtype).T),
-        ),
-        dt=10.0,
-        duration=28800.0,
-        source="NASA JEOD, verification case RUN_10A",
-        units="kg, m, s; space is Earth-centred inertial",
-    )
+@_named(
+    "gravity-gradient-10",
+    "the same satellite over ten orbits",
+    10.0,
+    55350.0,
+    "NASA JEOD, verification case RUN_10A",
+    "kg, m, s; space is Earth-centred inertial",
+)
+@_named(
+    "gravity-gradient",
+    "satellite in the Earth's gravity gradient, on a nearly circular orbit",
+    10.0,
+    28800.0,
+    "NASA JEOD, verification case RUN_10A",
+    "kg, m, s; space is Earth-centred inertial",
+)
+def _gravity_gradient() -> Made:
+    orbit = KeplerOrbit(JEOD.position, JEOD.velocity, JEOD.mu)
+    torque = GravityGradient(JEOD.moments, orbit, orbit.mu)
+    return RigidBody(JEOD.moments), torque, RigidState(*JEOD.start())
 
 
-@_named("gravity-gradient-10")
-def _ten_orbits(dtype: Any) -> Scene:
-    return replace(
-        _gravity_gradient(dtype),
-        title="the same satellite over ten orbits",
-        duration=55350.0,
-    )
-
-
-@_named("pulsed-body")
-def _pulsed_body(dtype: Any) -> Scene:
-    tensor = [[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]]
-    velocity = [0.0, -0.001134454274550824, 0.0]
-    body, axes = RigidBody.from_tensor(jnp.asarray(tensor, dtype))
+@_named(
+    "pulsed-body",
+    "large body with a full inertia tensor, pushed for 1000 s",
+    10.0,  # both switches are at the end of a step
+    28800.0,
+    "NASA JEOD, verification case RUN_9B",
+    "kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
+)
+def _pulsed_body() -> Made:
+    tensor = np.array([[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]])
+    body, axes = RigidBody.from_tensor(tensor)
     to_principal = np.asarray(axes, np.float64).T
-    return Scene(
-        name="",
-        title="large body with a full inertia tensor, pushed for 1000 s",
-        body=body,
-        torque=Prescribed(Pulse(jnp.asarray(to_principal @ np.array([10.0, 0.0, 0.0]), dtype), 1000.0, 2000.0)),
-        start=_start(to_principal @ np.array(tensor) @ np.array(velocity), so3.from_matrix(axes), dtype),
-        # Both switches are at the end of a step.
-        dt=10.0,
-        duration=28800.0,
-        source="NASA JEOD, verification case RUN_9B",
-        units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
-        axes=axes,
-    )
+    torque = Prescribed(Pulse(jnp.asarray(to_principal @ [10.0, 0.0, 0.0]), 1000.0, 2000.0))
+    momentum = to_principal @ tensor @ [0.0, -0.001134454274550824, 0.0]
+    return body, torque, RigidState(momentum, so3.from_matrix(axes)), axes
 
 
-for _name in (
+@_named(
     "thrown-brick",
+    "a brick in a parabola that turns over again and again about its middle axis",
+    0.005,
+    2.0,
+    "the brick of NASA NESC's check-case 2; the throw is chosen here, not published",
+    "slug, ft, s; z up",
+)
+def _thrown_brick() -> Made:
+    moments, mass = _BRICK
+    momentum, linear = moments * [0.1, 12.0, 0.1], mass * np.array([15.0, 0.0, 32.174])
+    start = FreeState(momentum, _UPRIGHT, linear, [0.0, 0.0, 5.0])
+    return FreeBody(RigidBody(moments), mass), UniformGravity([0.0, 0.0, -32.174]), start
+
+
+@_named(
     "dropped-brick",
+    "the tumbling brick dropped from 30000 ft over the turning Earth, east of the plumb line",
+    0.05,
+    30.0,
+    f"{_NESC}; J2 of WGS-84",
+    "slug, ft, s; space is North-East-Down over the equator at time 0, from the Earth's centre, not turning",
+)
+def _dropped_brick() -> Made:
+    moments, mass = _BRICK
+    mu, radius, j2 = 3.986004418e14 / _FOOT**3, 6378137.0 / _FOOT, 1.08262982e-3  # of WGS-84
+    earth = PointMass(mu, gradient=False) + Oblateness(mu, radius, j2, [1.0, 0.0, 0.0], gradient=False)  # as published
+    height = radius + 30000
+    momentum, linear = moments * np.deg2rad([10.0, 20.0, 30.0]), [0.0, mass * _TURN_OF_EARTH * height, 0.0]
+    return FreeBody(RigidBody(moments), mass), earth, FreeState(momentum, _UPRIGHT, linear, [0.0, 0.0, -height])
+
+
+@_named(
     "boomerang",
+    "the lift of its blades turns its axis, and so it flies a circle and comes back",
+    0.001,
+    2.0,
+    "mean over a turn of the lift and drag of its blades (after Hess, Sci. Am. 219 (1968) 124); numbers chosen here",
+    "kg, m, s; z up; the throw is along x",
+)
+def _boomerang() -> Made:
+    moments, mass, lean = np.array([1.25e-3, 1.25e-3, 2.5e-3]), 0.1, np.deg2rad(33.0)
+    # The axis points to the left of the throw, along y, and leans upwards.
+    attitude = _rotation((lean - np.pi / 2, 0.0, 0.0))
+    blades = Blades(*map(jnp.asarray, (0.0145, 0.3, 0.8, 3.0, 0.016)))
+    linear = mass * np.array([22.0, 0.0, 8.8])
+    start = FreeState(moments * [0.0, 0.0, 100.0], attitude, linear, [0.0, 0.0, 1.8])
+    return FreeBody(RigidBody(moments), mass), blades + UniformGravity([0.0, 0.0, -9.81]), start
+
+
+@_named(
     "satellite",
+    "orbit and attitude as one system: the Earth's oblateness turns the orbit",
+    10.0,
+    28800.0,
+    "body and orbit of NASA JEOD's verification case RUN_10A, which has no oblateness; the mass is chosen here, and J2 "
+    "is that of JGM-3",
+    "kg, m, s; space is Earth-centred inertial",
+)
+def _satellite() -> Made:
+    mass, mu = 1000.0, jnp.asarray(JEOD.mu)
+    start = FreeState(*JEOD.start(), mass * np.array(JEOD.velocity), JEOD.position)
+    earth = PointMass(mu) + Oblateness(mu, 6378136.3, 1.0826357e-3)
+    return FreeBody(RigidBody(JEOD.moments), mass), earth, start
+
+
+@_named(
     "spherical-pendulum",
+    "an axis that hangs: the bob swings between two heights, and the swing turns",
+    0.01,
+    10.0,
+    _HERE,
+    "kg, m, s; z up; the axis points from the pivot to the bob",
+    "SYMMETRIC[EA]",
+)
+def _spherical_pendulum() -> Made:
+    mass, length, g = 1.0, 1.0, 9.81
+    down = np.deg2rad(60.0)  # from the vertical, downwards
+    push = 0.7 * np.sqrt(g / length)  # rad/s, about the vertical
+    axis = np.array([np.sin(down), 0.0, -np.cos(down)])
+    momentum = mass * length**2 * np.cross(axis, np.cross([0.0, 0.0, push], axis))
+    return SymmetricRotor(mass * length**2), HeavyTop(mass * g * length), AxisState(momentum, axis)
+
+
+@_named(
     "binary-asteroid",
-    "dimer",
-    "rod",
-):
-    _SCENES[_name] = getattr(moving_scenes, _name.replace("-", "_"))
-
-
-@_named("drift-test")
-def _drift_test(dtype: Any) -> Scene:
-    return Scene(
-        name="",
-        title="drift test: between a ring and a well, where methods that are not symplectic drift",
-        body=_body([2.0, 2.0, 4.0], dtype),
-        torque=PairPotential(),
-        start=_start([0.0, 0.0, 4 * 0.625], _rotation((0.0, 0.7227, 0.0)), dtype),
-        dt=0.25,
-        duration=1e4,
-        source="Bou-Rabee, Ortolan & Saccon, arXiv 1005.3078",
-        units="any consistent units",
+    "a binary asteroid: its moon swings about the line to it, and both axes wander",
+    60.0,
+    172800.0,
+    "like (65803) Didymos, from the example of GUBAS (Davis & Scheeres, Icarus 341 (2020) 113439), with a primary that "
+    "is no sphere; to the second degree, tilted",
+    "kg, m, s; the centre of mass rests at the origin",
+    "JACOBI[SRKN6b]",
+)
+def _binary_asteroid() -> Made:
+    masses = np.array([532661512390.31647, 4995532430.186578])
+    moments = np.array(
+        [
+            [3.0787835416160292e16, 3.162944060573699e16, 3.324873160340355e16],
+            [10660065963959.85, 15001746242654.273, 16923273395857.004],
+        ]
     )
+    spins = np.array([7.72269580528e-4, 1.46420239261e-4])[:, None] * np.array([[0.05, 0.0, 1.0], [0.0, 0.05, 1.0]])
+    attitudes = [_UPRIGHT, (0.9952465414778341, 0.0870727897926938, 0.0434534024273578, 0.0038016801040236755)]
+    share = masses[::-1] / masses.sum() * [-1, 1]  # shares of distance and velocity from first to second
+    way, velocity = np.array([1200.0, 0.0, 0.0]), np.array([0.0, 0.175704287113523, 0.0])
+    start = CoupledState(moments * spins, attitudes, (masses * share)[:, None] * velocity, share[:, None] * way)
+    return FreeBody(RigidBody(moments), masses), MutualGravity(6.67e-11), start
+
+
+@_named(
+    "dimer",
+    "two waters that hang on each other by a hydrogen bond",
+    0.001,
+    1.0,
+    "the rigid water SPC/E (Berendsen, Grigera & Straatsma, J. Phys. Chem. 91 (1987) 6269); the start is chosen here",
+    "amu, nm, ps; energies in kJ/mol",
+)
+def _dimer() -> Made:
+    start = CoupledState(
+        [[-0.05, -0.1, -0.15], [0.05, 0.1, 0.15]],
+        [[0.8, 0.0, 0.6, 0.0], [0.6, 0.48, 0.0, 0.64]],
+        [[0.0, 2.0, 0.0], [0.0, -2.0, 0.0]],
+        [[0.0, 0.0, 0.0], [0.28, 0.0, 0.02]],
+    )
+    return FreeBody(RigidBody(np.tile(WATER.moments, (2, 1))), [WATER.mass] * 2), Waters(), start
+
+
+@_named("rod", "an elastic rod that flies, bends and twists", 0.01, 10.0, _HERE)
+def _rod() -> Made:
+    elements, size = 20, 0.5
+    where: Any = [0.0, 0.0, 0.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0]
+    sizes: Any = {"length": 2.0, "radius": 0.1, "density": 5.0, "youngs_modulus": 10.0, "shear_modulus": 4.0}
+    body, torque, straight = straight_rod(elements, *where, **sizes)
+    along = np.linspace(-1.0, 1.0, elements + 1)[:, None]
+    momentum = body.momentum(jnp.asarray(size * np.array([0.4, -0.3, 2.0]) * (along + 0.2)))
+    linear = body.mass[:, None] * jnp.asarray(size * np.array([0.5, 0.1, -0.2]) * (1 + along**2))
+    return body, torque, CoupledState(momentum, straight.attitude, linear, straight.position)
+
+
+@_named(
+    "drift-test",
+    "drift test: between a ring and a well, where methods that are not symplectic drift",
+    0.25,
+    1e4,
+    "Bou-Rabee, Ortolan & Saccon, arXiv 1005.3078",
+)
+def _drift_test() -> Made:
+    start = RigidState([0.0, 0.0, 4 * 0.625], _rotation((0.0, 0.7227, 0.0)))
+    return RigidBody([2.0, 2.0, 4.0]), PairPotential(), start
