@@ -22,7 +22,9 @@ from ..plot.style import FEW
 from ..simulation.simulate import simulate
 from ..simulation.summary import inspect
 from . import chosen, scenes
+from .figures import write
 from .record import SCENE, Record, save
+from .run_chart import run_figure
 from .scenes import Scene
 from .tables import require
 
@@ -64,9 +66,7 @@ def run(options: argparse.Namespace) -> None:
         save(record, options.out)
         print(f"wrote {options.out}")
     if options.plot:
-        from .run_chart import run_chart  # needs matplotlib only when it draws
-
-        run_chart(record, options.plot)
+        write(run_figure(record), options.plot)
         print(f"wrote {options.plot}")
 
 
@@ -150,9 +150,7 @@ def _report(
     warning = load.warning()
     lines = (
         *checked,
-        ("energy error, largest relative", record.energy_change.in_words),
-        ("momentum error, largest relative", record.momentum_change.in_words),
-        *((f"{change.name} error, largest relative", change.in_words) for change in record.travel_changes),
+        *record.errors,
         *_end(record),
         ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
         ("compile time", f"{compile_seconds:.2f} s"),

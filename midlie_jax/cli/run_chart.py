@@ -18,10 +18,11 @@ from ..model import so3, torques
 from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState
 from ..plot.conservation import Change
+from ..plot.curves import in_plane, plane_of, seen_from_above
 from ..plot.style import BLUE, GREEN, VERMILLION
 from ..simulation.plan import BODY, TIME
 from ..simulation.summary import Inspection
-from .figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
+from .figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel
 from .record import Record
 
 _FIRST = 3  # number of bodies with a separate line
@@ -35,12 +36,8 @@ _PANELS = 15  # largest number of drawn components of a store: a translating bod
 _COLUMNS = 3
 
 
-def run_chart(record: Record, path: str) -> None:
-    """Draws a run and writes a PNG."""
-    write(run_figure(record), path)
-
-
 def run_figure(record: Record) -> Any:
+    """The chart of a run of a scene."""
     travels = bool(record.travel)
     figure = new_figure(19.0 if travels else 13.0, 10.0)
     count, failed = len(record.ok), int(np.sum(~record.ok))
@@ -115,19 +112,12 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
 def _trace(axes: Any, record: Record) -> None:
     """Draws the path of an axis of the body on the unit sphere, seen along the space z axis."""
     axis, name = _axis(record)
-    panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
     poses, colours = record.lines(record.attitudes, _FIRST)
     is_axis = isinstance(record.scene.start, AxisState)
     tips = np.asarray(poses if is_axis else so3.to_matrix(jnp.asarray(poses)) @ axis, np.float64)
-    for (x, y, z), colour in zip(np.moveaxis(tips, -1, 1), colours, strict=False):
-        above = np.where(z >= 0, 1.0, np.nan)
-        axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.35)
-        axes.plot(x * above, y * above, color=colour, linewidth=1.2)
-        axes.plot(x[:1], y[:1], marker="o", markersize=7, color=colour, markeredgecolor="white", zorder=3)
-    if np.nanmax(np.abs(tips[..., :2])) > 0.5:
-        angle = np.linspace(0, 2 * np.pi, 181)
-        axes.plot(np.cos(angle), np.sin(angle), color=FAINT, linewidth=0.8, zorder=1)
-    axes.set_aspect("equal", adjustable="datalim")
+    for own, colour in zip(tips, colours, strict=False):
+        seen_from_above(axes, own[np.isfinite(own).all(axis=1)], name, colour)
+    panel(axes, f"Path of {name} in space, seen from +z", axes.get_xlabel(), axes.get_ylabel())
     axes.locator_params(nbins=6)
     _remark(axes, "dot: the start" + ("; faint: below the xy plane" if np.nanmin(tips[..., 2]) < 0 else ""))
 
@@ -174,28 +164,19 @@ def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None
 
 def _flight_path(axes: Any, record: Record) -> None:
     """Draws the paths of the first bodies, seen along the space axis of least motion."""
-    found, colours = record.lines(record.travel[-1], _FIRST)
-    paths = np.asarray(found, np.float64)
-    spans = np.nan_to_num(np.nanmax(paths, axis=(0, 1)) - np.nanmin(paths, axis=(0, 1)))
-    i, j = sorted(np.argsort(spans, kind="stable")[1:])
-    letters, units = "xyz", record.scene.units.partition(";")[0].split(",")
+    found, colours = record.lines(np.asarray(record.travel[-1], np.float64), _FIRST)
+    letters = plane_of(axes, found[np.isfinite(found).all(axis=-1)])
+    for path, colour in zip(found, colours, strict=False):
+        in_plane(letters, axes, path, colour, None)
+    units = record.scene.units.partition(";")[0].split(",")
     unit = units[1].strip() if len(units) == 3 else "length"
-    title = f"Path of the centre of mass, seen along {letters[3 - i - j]}"
-    panel(axes, title, f"{letters[i]}  [{unit}]", f"{letters[j]}  [{unit}]")
-    for path, colour in zip(paths, colours, strict=False):
-        axes.plot(path[:, i], path[:, j], color=colour, linewidth=1.2)
-        axes.plot(*path[0, [i, j]], marker="o", markersize=7, color=colour, markeredgecolor="white", zorder=3)
-    if np.min(spans[[i, j]]) > 0.05 * np.max(spans):  # a nearly straight path would have no height
-        axes.set_aspect("equal", adjustable="datalim")
+    (along,) = set("xyz") - set(letters)
+    panel(axes, f"Path of the centre of mass, seen along {along}", *(f"{letter}  [{unit}]" for letter in letters))
     axes.locator_params(nbins=6)
 
 
-def store_chart(found: Inspection, path: str) -> None:
-    """Draws the run as far as it is computed, and writes a PNG."""
-    write(store_figure(found), path)
-
-
 def store_figure(found: Inspection) -> Any:
+    """The chart of any store, as far as the run is computed."""
     panels = _panels(found)
     if not panels:
         raise ValueError(f"{found.path} holds nothing to draw yet; resume the run first.")

@@ -20,10 +20,11 @@ from ..plot.view import view as view_of
 from ..simulation.saved import Saved, saved_path
 from ..simulation.summary import Inspection
 from ..simulation.summary import inspect as inspected
-from ..spacecraft.attitudes.writer import write
+from ..spacecraft.attitudes.writer import write as write_message
 from . import scenes
+from .figures import write
 from .record import SCENE, Record, columns
-from .run_chart import run_chart, store_chart
+from .run_chart import run_figure, store_figure
 from .tables import require
 
 _SHOWN = 1000  # the largest number of bodies of a store whose errors are computed and drawn: evenly spaced ones
@@ -43,20 +44,14 @@ def inspect(options: argparse.Namespace) -> None:
     record = _record(found)
     if record is not None:
         shown = "all bodies" if found.bodies <= _SHOWN else f"{len(record.ok)} of {found.bodies} bodies"
-        print(f"energy error, largest relative, of {shown}: {record.energy_change.in_words}")
-        print(f"momentum error, largest relative, of {shown}: {record.momentum_change.in_words}")
-        for change in record.travel_changes:
-            print(f"{change.name} error, largest relative, of {shown}: {change.in_words}")
+        print(*(f"{name}, of {shown}: {value}" for name, value in record.errors), sep="\n")
     if options.plot:
         draw(found, options.plot)
 
 
 def draw(found: Inspection, path: str) -> None:
     record = _record(found)
-    if record is None:
-        store_chart(found, path)
-    else:
-        run_chart(record, path)
+    write(store_figure(found) if record is None else run_figure(record), path)
     print(f"wrote {path}")
 
 
@@ -183,7 +178,7 @@ def _message(options: argparse.Namespace) -> None:
     count = int(path.first_bad)
     if not hasattr(path.states, "attitude") or path.states.several or not count:
         raise ValueError(f"{options.run} holds no attitudes of one body {options.body} that can be trusted.")
-    written = write(
+    written = write_message(
         jax.tree.map(lambda x: x[:count], path.states),
         options.out,
         times=path.times[:count],

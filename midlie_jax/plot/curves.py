@@ -87,7 +87,7 @@ def axis_path(
     motion = motion_of(path)
     tips = motion.directions(direction)
     name, chosen = label or name, colour or BLUE
-    (_on_sphere if is_3d(axes) else _seen_from_above)(axes, tips, name, chosen)
+    (_on_sphere if is_3d(axes) else seen_from_above)(axes, tips, name, chosen)
     name_in_legend(axes)
     remark(axes, motion.failed and f"{name}: {motion.failed}")
     gap = np.max(np.arccos(np.clip(np.sum(tips[1:] * tips[:-1], axis=1), -1, 1)))
@@ -134,7 +134,8 @@ def _circle() -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
 
 
-def _seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+def seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+    """Draws directions (n, 3) on plain axes as seen from +z."""
     from .artists import along_arcs
 
     x, y, z = along_arcs(tips).T
@@ -344,7 +345,7 @@ def track(
         names = [f"{label or 'body'} {i}" if len(each) <= FEW else None for i in range(len(each))]
         colours = colours_of(len(each))
     longest = max(each, key=lambda one: float(np.max(np.ptp(one, axis=0))))
-    draw = _in_space if is_3d(axes) else partial(_in_plane, _plane(axes, longest))
+    draw = _in_space if is_3d(axes) else partial(in_plane, plane_of(axes, longest))
     for one, name, own in zip(each, names, colours, strict=True):
         draw(axes, one, colour or own, name)
     if names[0]:
@@ -370,7 +371,7 @@ def limits_around(points: np.ndarray, margin: float) -> np.ndarray:
     return (low + high) / 2 + np.stack([-half, half])
 
 
-def _plane(axes: Any, positions: np.ndarray) -> str:
+def plane_of(axes: Any, positions: np.ndarray) -> str:
     """The letters of the plane: from the labels, or else the two directions in which the path is longest."""
     letters = "".join(label[:1].lower() for label in (axes.get_xlabel(), axes.get_ylabel()))
     if len(set(letters) & set("xyz")) == 2:
@@ -379,7 +380,8 @@ def _plane(axes: Any, positions: np.ndarray) -> str:
     return "xyz".replace("xyz"[int(np.argmin(spans))] if np.any(spans) else "z", "")
 
 
-def _in_plane(letters: str, axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
+def in_plane(letters: str, axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
+    """Draws positions (n, 3) on plain axes of two directions with one scale."""
     i, j = map("xyz".index, letters)
     axes.plot(positions[:, i], positions[:, j], color=colour, linewidth=1.4, label=label)
     axes.plot(*positions[0, [i, j]], marker="o", markersize=5.0, color=colour)
