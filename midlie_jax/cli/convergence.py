@@ -288,19 +288,25 @@ def exact_ends(
     return np.concatenate(momenta), np.concatenate(attitudes)
 
 
-def _extrapolated(scene: Scene, finest: int) -> Reference:
-    """Romberg's extrapolation of a symmetric method, whose error has only even powers of the step."""
-    program = _program(find_method(_REFERENCE), scene, finest, copies=1)
-    row: list[np.ndarray] = []
-    uncertainty, steps = math.inf, finest
-    for _ in range(_ROMBERG):
-        steps *= 2
+def _ends(method: str, scene: Scene, counts: Sequence[int]) -> list[Any]:
+    """The ends of a scene by a method with these numbers of steps."""
+    program, ends = _program(find_method(method), scene, counts[0], copies=1), list[Any]()
+    for steps in counts:
         state, ok = _end(program, scene.duration / steps, steps)
         if not ok:
             raise ValueError(
-                f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps; check the torque "
-                "for NaN."
+                f"no reference for scene {scene.name!r}: {method} failed with {steps} steps; check the torque for NaN."
             )
+        ends.append(state)
+    return ends
+
+
+def _extrapolated(scene: Scene, finest: int) -> Reference:
+    """Romberg's extrapolation of a symmetric method, whose error has only even powers of the step."""
+    counts = [finest * 2**k for k in range(1, _ROMBERG + 1)]
+    row: list[np.ndarray] = []
+    uncertainty = math.inf
+    for state in _ends(_REFERENCE, scene, counts):
         above, row = row, [np.concatenate([state.momentum, state.attitude])]
         for power, coarse in enumerate(above, start=1):
             row.append(row[-1] + (row[-1] - coarse) / (4**power - 1))
@@ -309,21 +315,13 @@ def _extrapolated(scene: Scene, finest: int) -> Reference:
             uncertainty = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
     momentum, attitude = row[-1][:3], row[-1][3:]
     matrix = _matrix(attitude / np.linalg.norm(attitude))
-    return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", uncertainty)
+    return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {counts[-1]} steps", uncertainty)
 
 
 def _much_finer(scene: Scene, finest: int) -> Reference:
     """The end by a method of high order with twice as many steps; four times as many change it little."""
-    program, ends = _program(find_method(_OF_HIGH_ORDER), scene, finest, copies=1), list[Any]()
-    for steps in (2 * finest, 4 * finest):
-        state, ok = _end(program, scene.duration / steps, steps)
-        if not ok:
-            raise ValueError(f"no reference for scene {scene.name!r}: {_OF_HIGH_ORDER} failed with {steps} steps.")
-        ends.append(state)
-    coarse, fine = ends
+    coarse, fine = _ends(_OF_HIGH_ORDER, scene, (2 * finest, 4 * finest))
     momentum = np.abs(fine.momentum - coarse.momentum).max() / np.linalg.norm(fine.momentum)
     uncertainty = float(max(momentum, np.abs(_pose(fine) - _pose(coarse)).max()))
-    position = getattr(fine, "position", None)
-    return Reference(
-        fine.momentum, _pose(fine), f"solution by {_OF_HIGH_ORDER} in {4 * finest} steps", uncertainty, position
-    )
+    source, position = f"solution by {_OF_HIGH_ORDER} in {4 * finest} steps", getattr(fine, "position", None)
+    return Reference(fine.momentum, _pose(fine), source, uncertainty, position)

@@ -42,8 +42,7 @@ def heading(figure: Any, title: str, note: str) -> None:
     figure.subplots_adjust(left=_LEFT, right=_RIGHT)
     for text, size, weight in ((title, _TITLE, "bold"), (note, _NOTE, "normal")):
         style = {"fontsize": size, "weight": weight, "color": INK, "va": "top", "linespacing": 1.3}
-        drawn = figure.text(_LEFT, top / height, "", **style)
-        _break_lines(drawn, text, (_RIGHT - _LEFT) * figure.bbox.width, renderer)
+        drawn = figure.text(_LEFT, top / height, text, wrap=True, **style)
         top = drawn.get_window_extent(renderer).y0 * points - 0.4 * size
     figure.subplots_adjust(top=(top - _CLEAR) / height)
 
@@ -77,18 +76,6 @@ def few_colours(png: bytes) -> bytes:
     small = BytesIO()
     few.save(small, format="PNG", optimize=True, pnginfo=maker)
     return small.getvalue()
-
-
-def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
-    lines: list[str] = []
-    for word in text.split():
-        longer = f"{lines[-1]} {word}" if lines else word
-        drawn.set_text(longer)
-        if lines and drawn.get_window_extent(renderer).width <= width:
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    drawn.set_text("\n".join(lines))
 
 
 def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Sequence[float], colour: str) -> None:
@@ -128,22 +115,21 @@ def styles(
 
     Each line has a colour of its own while there are any; further lines repeat the colours with other marks.
     """
-    names = list(dict.fromkeys(names))
-    found = {name: fixed[name] for name in names if fixed and name in fixed}
-    taken = {(style.colour, style.mark) for style in found.values()}
-    unused = _unused(colours, dash, taken)
-    return {name: found[name] if name in found else Style(*next(unused), ours) for name in names}
+    names, fixed = list(dict.fromkeys(names)), fixed or {}
+    given = [fixed[name] for name in names if name in fixed]
+    taken = {(style.colour, style.mark, style.dash) for style in given}
+    used = [colour for colour in colours if colour in {style.colour for style in given}]
+    ordered = [*(colour for colour in colours if colour not in used), *used]
 
+    def looks() -> Iterator[tuple[str, str, Any]]:
+        for i in count():
+            again = i // (len(ordered) * len(_MARKS))
+            look = ordered[i % len(ordered)], _MARKS[i % len(_MARKS)], _DASHES[again - 1] if again else dash
+            if look not in taken:
+                yield look
 
-def _unused(colours: Sequence[str], dash: Any, taken: set[tuple[str, str]]) -> Iterator[tuple[str, str, Any]]:
-    used = {colour for colour, _ in taken}
-    fresh = list(zip((colour for colour in colours if colour not in used), _MARKS, strict=False))
-    yield from ((*pair, dash) for pair in fresh)
-    for i in count():
-        turn, rest = divmod(i, len(colours) * len(_MARKS))
-        pair = colours[rest % len(colours)], _MARKS[rest % len(_MARKS)]
-        if pair not in taken and (turn or pair not in fresh):
-            yield *pair, dash if turn == 0 else _DASHES[(turn - 1) % len(_DASHES)]
+    unused = looks()
+    return {name: fixed[name] if name in fixed else Style(*next(unused), ours) for name in names}
 
 
 class End(NamedTuple):
@@ -201,18 +187,10 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
 
 
 def _apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """The nearest heights, by least squares, at least `gap` apart, in the same order, and within low to high.
-
-    With the gaps subtracted, the problem is isotonic regression: neighbours out of order are pooled at their mean.
-    """
-    order = sorted(range(len(heights)), key=lambda i: heights[i])
-    pools: list[tuple[float, int]] = []  # means and numbers of members
-    for rank, i in enumerate(order):
-        mean, members = heights[i] - rank * gap, 1
-        while pools and pools[-1][0] > mean:
-            before, more = pools.pop()
-            mean, members = (before * more + mean * members) / (more + members), more + members
-        pools.append((mean, members))
-    room = max(low, high - (len(heights) - 1) * gap)
-    placed = [min(max(mean, low), room) for mean, members in pools for _ in range(members)]
-    return [placed[rank] + rank * gap for rank in sorted(range(len(order)), key=lambda rank: order[rank])]
+    """Heights in the same order and at least `gap` apart, from `low` upwards, and below `high` if there is room."""
+    order, ranks = np.argsort(heights, kind="stable"), gap * np.arange(len(heights))
+    # With the gaps subtracted, neighbours only have to be in order.
+    lowest = np.maximum.accumulate(np.maximum(np.asarray(heights)[order] - ranks, low))
+    placed = np.empty(len(heights))
+    placed[order] = np.minimum(lowest, max(low, high - sum(ranks[-1:]))) + ranks
+    return placed.tolist()

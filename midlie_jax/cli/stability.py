@@ -29,6 +29,7 @@ from ..model.observables import energy, kinetic_energy
 from ..model.states import RigidState
 from ..model.torques import TorqueLike, on_body, potential_of
 from ..model.torques.base import Torque
+from ..plot.style import ORANGE, PURPLE, VERMILLION
 from . import chosen
 from .figures import INK, heading, new_figure, write
 from .scenes import Scene
@@ -45,18 +46,23 @@ _ORDERS = (1, 2, 3)  # k of the drawn step resonances
 _WIDTH, _HEIGHT = 2.0, 2.25  # the size of a panel with its share of the margins, inches
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
-_FAILED = "#d9d9d9"
 # The colours of Okabe and Ito that are visible on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
-    "reach": {"color": "#E69F00", "linestyle": "-", "linewidth": 2.2},
-    "stability": {"color": "#D55E00", "linestyle": (0, (4, 1.5)), "linewidth": 2.2},
-    "resonance": {"color": "#FFFFFF", "linestyle": (0, (1, 1.2)), "linewidth": 1.6},
+    "reach": {"label": "reach: largest turn a step", "color": ORANGE, "linestyle": "-", "linewidth": 2.2},
+    "stability": {
+        "label": "limit of h ω: unstable, or several solutions",
+        "color": VERMILLION,
+        "linestyle": (0, (4, 1.5)),
+        "linewidth": 2.2,
+    },
+    "resonance": {
+        "label": "nutation resonances h ω = π, π/2, π/3",
+        "color": "#FFFFFF",
+        "linestyle": (0, (1, 1.2)),
+        "linewidth": 1.6,
+    },
 }
-_MEANINGS = {
-    "reach": "reach: largest turn a step",
-    "stability": "limit of h ω: unstable, or several solutions",
-    "resonance": "nutation resonances h ω = π, π/2, π/3",
-}
+_NO_SOLUTION: dict[str, Any] = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "hatch": "////"}
 
 
 class Scaled(Torque):
@@ -145,8 +151,13 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
     alike, ones = np.tile(moments, (count, 1)), np.ones(count)
     found: list[Sweep] = []
     unit = f"rad/{scene.time_unit or 'time'}"
+
+    def around(own: float) -> np.ndarray:
+        """Spins or frequencies around the fastest rate of the scene, with the scene's own."""
+        return np.geomspace(min(_RATES_RANGE[0] * fastest, own / 2), _RATES_RANGE[1] * fastest, count)
+
     if speed:
-        rates = _rates(fastest, speed, count)
+        rates = around(speed)
         spun = rates[:, None] * momentum / speed
         found.append(Sweep("spin", f"spin |Ω|  [{unit}]", rates, speed, True, alike, spun, ones))
     ball = np.full(3, moments.mean())
@@ -159,16 +170,10 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
         shapes = ball + shares[:, None] * (moments - ball)
         found.append(Sweep("anisotropy", "anisotropy a  [-]", shares, 1.0, False, shapes, shapes * velocity, ones))
     if field:
-        rates = _rates(fastest, field, count)
-        strengths = (rates / field) ** 2
-        label = f"field frequency ω  [{unit}]"
-        found.append(Sweep("stiffness", label, rates, field, True, alike, np.tile(momentum, (count, 1)), strengths))
+        rates, label = around(field), f"field frequency ω  [{unit}]"
+        momenta = np.tile(momentum, (count, 1))
+        found.append(Sweep("stiffness", label, rates, field, True, alike, momenta, (rates / field) ** 2))
     return steps, found
-
-
-def _rates(fastest: float, own: float, count: int) -> np.ndarray:
-    """A range of spins or frequencies around the fastest rate of the scene, which contains the scene's own."""
-    return np.geomspace(min(_RATES_RANGE[0] * fastest, own / 2), _RATES_RANGE[1] * fastest, count)
 
 
 def _check_energy(scene: Scene) -> None:
@@ -197,17 +202,13 @@ def measure(
         np.concatenate([np.repeat(getattr(s, name), len(steps), axis=0) for s in varied])
         for name in ("moments", "momenta", "factors")
     ]
-    dt = np.concatenate([np.tile(steps, len(s.values)) for s in varied])
-    dtype = scene.start.momentum.dtype
-    attitudes = jnp.tile(scene.start.attitude, (len(dt), 1))
-    moments, momenta, factors, dt = (jnp.asarray(x, dtype) for x in (*rows, dt))
-    worst, failed, blown_up = runs(method, scene.torque, moments, RigidState(momenta, attitudes), factors, dt, number)
-    sizes = [len(s.values) * len(steps) for s in varied]
-    parts = [np.split(x, np.cumsum(sizes)[:-1]) for x in (worst, failed, blown_up)]
-    return [
-        Map(method.name, *(x.reshape(len(s.values), len(steps)) for x in part))
-        for s, *part in zip(varied, *parts, strict=True)
-    ]
+    moments, momenta, factors = (jnp.asarray(x, scene.start.momentum.dtype) for x in rows)
+    starts = RigidState(momenta, jnp.tile(scene.start.attitude, (len(factors), 1)))
+    dt = jnp.asarray(np.tile(steps, len(factors) // len(steps)), factors.dtype)
+    found = runs(method, scene.torque, moments, starts, factors, dt, number)
+    ends = np.cumsum([len(s.values) for s in varied])[:-1]
+    parts = (np.split(x.reshape(-1, len(steps)), ends) for x in found)
+    return [Map(method.name, *part) for part in zip(*parts, strict=True)]
 
 
 def runs(
@@ -225,8 +226,8 @@ def runs(
     arguments = moments, starts, factors, dt
     options = compiler_options(len(moments))
     compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=options)
-    worst, failed, blown_up = compiled(*arguments)
-    return np.asarray(worst), np.asarray(failed), np.asarray(blown_up)
+    worst, failed, blown_up = map(np.asarray, compiled(*arguments))
+    return worst, failed, blown_up
 
 
 def _run(
@@ -320,39 +321,21 @@ def stability(options: argparse.Namespace) -> None:
     for method in methods:
         began = time.perf_counter()
         maps.append(measure(method, scene, steps, varied, options.steps))
-        seconds = time.perf_counter() - began
-        rows += [
-            [
-                method.name,
-                sweep.name,
-                *(f"{100 * np.mean(x):.0f}" for x in (found.blown_up, found.failed)),
-                f"{_median(found):.0e}",
-                f"{seconds:.0f}" if sweep is varied[0] else "",
-            ]
-            for sweep, found in zip(varied, maps[-1], strict=True)
-        ]
-    heads = ["method", "sweep", "blows up [%]", "fails [%]", "median error elsewhere", "time [s]"]
-    show_table(heads, rows)
+        seconds = [f"{time.perf_counter() - began:.0f}", *[""] * len(varied)]
+        for sweep, found, told in zip(varied, maps[-1], seconds, strict=False):
+            shares = (f"{100 * np.mean(x):.0f}" for x in (found.blown_up, found.failed))
+            good = found.worst[~(found.failed | found.blown_up)]
+            median = np.median(good) if good.size else np.nan
+            rows.append([method.name, sweep.name, *shares, f"{median:.0e}", told])
+    show_table(["method", "sweep", "blows up [%]", "fails [%]", "median error elsewhere", "time [s]"], rows)
     limits = {(method.name, sweep.name): lines(method, scene, sweep) for method in methods for sweep in varied}
-    figure = stability_figure(
-        maps,
-        limits,
-        steps,
-        varied,
-        title=f"{scene.name}: {scene.title}",
-        note=(
-            f"Each point of a map is one run of {options.steps} steps from the start of the scene "
-            "with its spin, shape or field changed. Lines: theoretical limits for the initial state."
-        ),
-        time_unit=scene.time_unit,
+    note = (
+        f"Each point of a map is one run of {options.steps} steps from the start of the scene with its spin, shape or "
+        "field changed. Lines: theoretical limits for the initial state."
     )
-    write(figure, path)
+    title = f"{scene.name}: {scene.title}"
+    write(stability_figure(maps, limits, steps, varied, title=title, note=note, time_unit=scene.time_unit), path)
     print(f"\nwrote {path}")
-
-
-def _median(found: Map) -> float:
-    good = found.worst[~(found.failed | found.blown_up)]
-    return float(np.median(good)) if good.size else float("nan")
 
 
 def stability_figure(
@@ -390,7 +373,7 @@ def stability_figure(
                 axes.set_ylabel(sweep.label, fontsize=9.5, color=INK)
     for axes in panels[-1]:
         axes.set_xlabel(f"step h  [{time_unit or 'time'}]", fontsize=9.5, color=INK)
-    _legend(figure, image, drawn, width, height)
+    _legend(figure, image, [drawn[kind] for kind in _LINES if kind in drawn], width, height)
     return figure
 
 
@@ -402,17 +385,14 @@ def _map(axes: Any, found: Map, steps: np.ndarray, sweep: Sweep, norm: Any) -> A
     x, y = _edges(steps, True), _edges(sweep.values, sweep.logarithmic)
     axes.set(xscale="log", yscale="log" if sweep.logarithmic else "linear", xlim=x[[0, -1]], ylim=y[[0, -1]])
     axes.tick_params(which="both", labelsize=8, colors=INK)
-    axes.set_rasterization_zorder(None)
     # The hatched background is visible where nothing is drawn over it.
-    axes.add_patch(
-        Rectangle((0, 0), 1, 1, transform=axes.transAxes, facecolor=_FAILED, edgecolor="#8a8a8a", hatch="////", lw=0)
-    )
+    axes.add_patch(Rectangle((0, 0), 1, 1, transform=axes.transAxes, linewidth=0, **_NO_SOLUTION))
     worst = np.ma.masked_where(found.failed | found.blown_up, np.clip(found.worst, _LEAST_ERROR, BLOWN_UP))
     image = axes.pcolormesh(x, y, worst, norm=norm, cmap="viridis", zorder=1.5)
     black = np.ma.masked_where(~found.blown_up, np.ones(found.worst.shape))
     axes.pcolormesh(x, y, black, cmap=ListedColormap(["black"]), zorder=1.6)
     if y[0] < sweep.own < y[-1]:
-        axes.plot([0, 0.045], [sweep.own] * 2, color="#CC79A7", lw=3, transform=axes.get_yaxis_transform(), zorder=5)
+        axes.plot([0, 0.045], [sweep.own] * 2, color=PURPLE, lw=3, transform=axes.get_yaxis_transform(), zorder=5)
     return image
 
 
@@ -428,11 +408,10 @@ def _boundary(axes: Any, line: Line, sweep: Sweep) -> Any:
 
     style = _LINES[line.kind]
     outline = [withStroke(linewidth=style["linewidth"] + 1.4, foreground="black")]
-    (drawn,) = axes.plot(line.steps, sweep.values, zorder=3, path_effects=outline, **style)
-    return drawn
+    return axes.plot(line.steps, sweep.values, zorder=3, path_effects=outline, **style)[0]
 
 
-def _legend(figure: Any, image: Any, drawn: Mapping[str, Any], width: float, height: float) -> None:
+def _legend(figure: Any, image: Any, drawn: Sequence[Any], width: float, height: float) -> None:
     from matplotlib.patches import Patch
 
     bar = figure.colorbar(
@@ -441,22 +420,9 @@ def _legend(figure: Any, image: Any, drawn: Mapping[str, Any], width: float, hei
     bar.set_label("worst energy error, of |K| + |V| at the start  [-]", fontsize=8.5, color=INK, labelpad=1)
     bar.ax.tick_params(labelsize=8, colors=INK)
     bar.set_ticks([1e-14, 1e-10, 1e-6, 1e-2])
-    patches = [
-        Patch(facecolor="black", label="blows up: error over 1"),
-        Patch(facecolor=_FAILED, edgecolor="#8a8a8a", hatch="////", label="a solve fails (ok is False)"),
-    ]
-    marks = [drawn[kind] for kind in _MEANINGS if kind in drawn]
-    names = [_MEANINGS[kind] for kind in _MEANINGS if kind in drawn]
-    own = figure.axes[0].plot([], [], color="#CC79A7", lw=3)[0]
-    figure.legend(
-        [*patches, *marks, own],
-        [*(patch.get_label() for patch in patches), *names, "the scene's own value"],
-        loc="lower right",
-        bbox_to_anchor=(1 - 0.1 / width, 0.06 / height),
-        ncols=3,
-        fontsize=8.5,
-        frameon=True,
-        facecolor="#b9c6cc",
-        edgecolor="none",
-        labelcolor=INK,
-    )
+    blown_up = Patch(facecolor="black", label="blows up: error over 1")
+    failed = Patch(label="a solve fails (ok is False)", **_NO_SOLUTION)
+    own = figure.axes[0].plot([], [], color=PURPLE, lw=3, label="the scene's own value")
+    style = {"fontsize": 8.5, "facecolor": "#b9c6cc", "edgecolor": "none", "labelcolor": INK, "ncols": 3}
+    corner = (1 - 0.1 / width, 0.06 / height)
+    figure.legend(handles=[blown_up, failed, *drawn, *own], loc="lower right", bbox_to_anchor=corner, **style)
