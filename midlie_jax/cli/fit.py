@@ -25,7 +25,7 @@ from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, check_rates, read, read_field
+from .fit_data import UNITS_OF_RATE, Field, Table, check_rates, read, read_field
 from .flight import free_flight, windows
 from .tables import require
 
@@ -35,8 +35,6 @@ _MOST_STEPS = 1_000_000  # about one second for each evaluation by the optimiser
 _FIRST = 6.0  # rotation of the body in the span that is fitted first, radians
 _BEFORE = 1.0  # the largest rotation of the body before the first row of the gyroscope, radians
 _UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
-_NEEDS_FIELD = ("magnetometer_sigma", "hard_iron", "magnetometer_data")
-_NEEDS_FILE = ("magnetometer_time", "magnetometer_time_unit", "magnetometer_clock")
 _FACTOR = 20.0  # between the largest and the smallest speed; for a free body at most the ratio of its moments
 _ROWS = 9  # of the running median, which ignores single wrong rows
 _SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
@@ -107,38 +105,29 @@ def _whole(options: argparse.Namespace) -> bool:
 
 
 def _check_options(options: argparse.Namespace) -> None:
+    given = {name for name, value in vars(options).items() if value}
     for name in ("magnetometer", "tracker"):
-        if getattr(options, name) and not (options.sigma and getattr(options, f"{name}_sigma")):
+        if name in given and not {"sigma", f"{name}_sigma"} <= given:
             raise ValueError(f"with --{name}, give --sigma and --{name}-sigma, their relative weights.")
-    for name in ("tracker_sigma", "space_to_body"):
-        if getattr(options, name) and not options.tracker:
-            raise ValueError(f"--{name.replace('_', '-')} needs --tracker with the names of its columns.")
-    for name in _NEEDS_FIELD:
-        if getattr(options, name) and not options.magnetometer:
-            raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer with the names of its columns.")
-    for name in _NEEDS_FILE:
-        if getattr(options, name) and not options.magnetometer_data:
-            raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer-data, the magnetometer's own file.")
-    if options.magnetometer_data and not options.magnetometer_time:
-        raise ValueError("--magnetometer-data needs --magnetometer-time, the name of its column of time.")
-    if options.magnetometer_data and not options.magnetometer_clock:
-        raise ValueError(
-            "--magnetometer-data needs --magnetometer-clock: `same` if both files use one clock, or `fitted`."
-        )
+    columns, file = "with the names of its columns", "the magnetometer's own file"
+    for needed, what, names in (
+        ("tracker", f" {columns}", ("tracker_sigma", "space_to_body")),
+        ("magnetometer", f" {columns}", ("magnetometer_sigma", "hard_iron", "magnetometer_data")),
+        ("magnetometer_data", f", {file}", ("magnetometer_time", "magnetometer_time_unit", "magnetometer_clock")),
+        ("magnetometer_time", ", the name of its column of time", ("magnetometer_data",)),
+        ("magnetometer_clock", ": `same` if both files use one clock, or `fitted`", ("magnetometer_data",)),
+    ):
+        if needed not in given and (wrong := [name for name in names if name in given]):
+            raise ValueError(f"--{wrong[0].replace('_', '-')} needs --{needed.replace('_', '-')}{what}.")
 
 
 def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
     own = options.magnetometer_data
-    among = None if own else options.magnetometer
-    columns = Columns(
-        options.columns, among, options.tracker, options.unit, options.time_unit, options.first, options.last
-    )
-    table, field, tracker = read(options.data, columns)
+    table, field, tracker = read(options)
     table = _flight(options, table)
     if own:
-        columns = FieldColumns(options.magnetometer_time, options.magnetometer, options.magnetometer_time_unit)
-        field = read_field(own, columns, table.zero)
+        field = read_field(options, table.zero)
     field, tracker = (None if one is None else one.complete(*table.span) for one in (field, tracker))
     for name, one in (("magnetometer", field), ("tracker", tracker)):
         if one is not None and not len(one.times):
@@ -349,21 +338,27 @@ def _in_units_of_file(problem: Problem, result: Fit) -> Fit:
 
 
 def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
+    """Writes a PNG of the measured and the fitted rates, and of the residuals."""
     table, moments = problem.table, np.asarray(result.values["moments"])
     body, _, start = _model(result.values)
     times = np.linspace(table.times[0] - problem.begin, table.times[-1] - problem.begin, 1000)
     curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.options["dt"])
     curves = np.asarray(curve.states.momentum) / moments + np.asarray(result.values.get("bias", np.zeros(3)))
-    _write_chart(
-        Path(options.data).name,
-        table.times,
-        table.rates / problem.unit,
-        problem.begin + times,
-        curves / problem.unit,
-        result.residuals()[0],
-        (options.unit, "sigma" if options.sigma else options.unit),
-        options.out,
-    )
+    figure = new_figure(11.0, 8.0)
+    name = Path(options.data).name
+    heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    unit = "sigma" if options.sigma else options.unit
+    panel(above, "Angular velocity about the principal axes", "", f"Ω  [{options.unit}]")
+    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
+    residuals = result.residuals()[0]
+    for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
+        style = {"color": colour, "markersize": 4}
+        above.plot(problem.begin + times, curves[:, i] / problem.unit, color=colour, linewidth=1.2, label=f"Ω{i + 1}")
+        above.plot(table.times, table.rates[:, i] / problem.unit, ".", **style)
+        below.plot(table.times, residuals[:, i], ".", **style)
+    above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    write(figure, options.out)
     print(f"wrote {options.out}")
 
 
@@ -443,27 +438,3 @@ def _moments(logs: np.ndarray) -> np.ndarray:
     second = np.exp(np.append(logs, 0.0))
     second = second * (_TOTAL / 2 / second.sum())
     return second.sum() - second
-
-
-def _write_chart(
-    name: str,
-    times: np.ndarray,
-    rates: np.ndarray,
-    curve_times: np.ndarray,
-    curves: np.ndarray,
-    residuals: np.ndarray,
-    units: tuple[str, str],
-    path: str,
-) -> None:
-    """Writes a PNG of a fit: rates (n, 3), NaN where missing; residuals (n, 3), model minus measurement; both units."""
-    figure = new_figure(11.0, 8.0)
-    heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    panel(above, "Angular velocity about the principal axes", "", f"Ω  [{units[0]}]")
-    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{units[1]}]")
-    for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
-        above.plot(curve_times, curves[:, i], color=colour, linewidth=1.2, label=f"Ω{i + 1}")
-        above.plot(times, rates[:, i], ".", color=colour, markersize=4)
-        below.plot(times, residuals[:, i], ".", color=colour, markersize=4)
-    above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    write(figure, path)

@@ -1,10 +1,12 @@
 """Measurements from a CSV file for `midlie fit`. Ambiguous files raise an error with the line or the column."""
 
+import argparse
 import csv
 import io
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,36 +54,6 @@ class Moment(NamedTuple):
         if self.zoned != zero.zoned:
             raise ValueError(f"{where} must have a zone like Z or +02:00 in all times or in none.")
         return (self.ns - zero.ns) / 1e9
-
-
-class Columns(NamedTuple):
-    """The columns to read, and their units.
-
-    Attributes:
-        rates: the names of the columns of time and of the three rates; None for the first four columns.
-        field: the names of the three columns of a magnetometer in the same rows; None if there is none.
-        tracker: the names of the four columns of a star tracker in the same rows, scalar first; None if there is none.
-        rate_unit: one of `UNITS_OF_RATE`.
-        time_unit: one of `UNITS_OF_TIME`; None for seconds, in which case a name with another unit is rejected.
-        first, last: the times of the first and the last row that is used, as in the file, where the times of ISO 8601
-            may also be seconds after the first row; None for all.
-    """
-
-    rates: Sequence[str] | None
-    field: Sequence[str] | None
-    tracker: Sequence[str] | None
-    rate_unit: str
-    time_unit: str | None
-    first: str | None = None
-    last: str | None = None
-
-
-class FieldColumns(NamedTuple):
-    """The columns to read of a magnetometer file, and the unit of its time, as for `Columns`."""
-
-    time: str
-    field: Sequence[str]
-    time_unit: str | None
 
 
 _FASTER = 1000.0  # a rate above the usual one by this factor counts as an error in the file
@@ -145,52 +117,53 @@ class _Cells(NamedTuple):
     zero: Moment | None
 
 
-def read(path: str, wanted: Columns) -> tuple[Table, Field | None, Field | None]:
-    """The rates in a CSV file with a header, and the magnetometer and the star tracker in its rows, if requested.
+def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None]:
+    """The rates in the CSV file with a header, and the magnetometer and the star tracker in its rows, if requested.
 
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Times
-    are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first.
+    are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first. The
+    options are those of `midlie fit`.
 
     Raises:
         ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
             cells of the header, a cell is not a number, a time is missing or goes back, or the last row may
             be truncated. The message names the line or the column.
     """
+    path, tracker = options.data, options.tracker or []
+    field = [] if options.magnetometer_data else options.magnetometer or []
 
     def named(header: list[str]) -> list[str]:
-        names = [*(wanted.rates or header[:4]), *(wanted.field or []), *(wanted.tracker or [])]
+        names = [*(options.columns or header[:4]), *field, *tracker]
         if len(names) < 4:
             raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
         return names
 
     cells = _cells(path, named, "--columns")
-    if not wanted.rates:
+    if not options.columns:
         _check_order(path, cells.header, cells.names)
-    unit = _unit_of_times(cells, wanted.time_unit, "--time-unit")
-    _check_rate_units(cells.names[1:4], wanted.rate_unit)
-    times, rates, others = cells.numbers[:, 0] * unit, *np.split(cells.numbers[:, 1:], [3], axis=1)
-    span = (
-        _bound("--from", wanted.first, -np.inf, unit, cells.zero),
-        _bound("--to", wanted.last, np.inf, unit, cells.zero),
-    )
+    unit = _unit_of_times(cells, options.time_unit, "--time-unit")
+    for name in cells.names[1:4]:
+        _check_unit(name, _NAMED_RATES, options.unit, "--unit")
+    times = cells.numbers[:, 0] * unit
+    rates, fields, quaternions = np.split(cells.numbers[:, 1:], [3, 3 + len(field)], axis=1)
+    span = _bound("--from", options.first, unit, cells.zero), _bound("--to", options.last, unit, cells.zero)
     if span[0] >= span[1]:
-        raise ValueError(f"--from must be before --to, got {wanted.first} and {wanted.last}.")
-    whole = Table(times, rates, cells.lines, span, unit, cells.zero)
+        raise ValueError(f"--from must be before --to, got {options.first} and {options.last}.")
+    whole = Table(times, rates * UNITS_OF_RATE[options.unit], cells.lines, span, unit, cells.zero)
     table = whole.within(*span)
     if not len(table.times):
         first, last = whole.shown(times[0]), whole.shown(times[-1])
         raise ValueError(f"{path} has no rows between --from and --to; its times go from {first} to {last}.")
-    field, tracker = np.split(others, [3 if wanted.field else 0], axis=1)
     return (
-        table._replace(rates=table.rates * UNITS_OF_RATE[wanted.rate_unit]),
-        Field(times, field, cells.lines) if wanted.field else None,
-        Field(times, tracker, cells.lines) if wanted.tracker else None,
+        table,
+        Field(times, fields, cells.lines) if field else None,
+        Field(times, quaternions, cells.lines) if tracker else None,
     )
 
 
-def _bound(option: str, text: str | None, default: float, unit: float, zero: Moment | None) -> float:
+def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> float:
     if text is None:
-        return default
+        return -np.inf if option == "--from" else np.inf
     if _is_number(text):
         return float(text) * unit
     moment = Moment.of(option, text)
@@ -199,18 +172,17 @@ def _bound(option: str, text: str | None, default: float, unit: float, zero: Mom
     return moment.after(f"{option} {text}", zero)
 
 
-def read_field(path: str, wanted: FieldColumns, zero: Moment | None) -> Field:
+def read_field(options: argparse.Namespace, zero: Moment | None) -> Field:
     """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`. Errors as for `read`."""
-    cells = _cells(path, lambda header: [wanted.time, *wanted.field], "--magnetometer-time and --magnetometer")
-    unit = _unit_of_times(cells, wanted.time_unit, "--magnetometer-time-unit")
+    path, names = options.magnetometer_data, [options.magnetometer_time, *options.magnetometer]
+    cells = _cells(path, lambda header: names, "--magnetometer-time and --magnetometer")
+    unit = _unit_of_times(cells, options.magnetometer_time_unit, "--magnetometer-time-unit")
     if zero is not None and cells.zero is None:
         raise ValueError(f"{path} must have dates as times, as the file of the rates has; got numbers.")
-    times = cells.numbers[:, 0] * unit + (
-        0.0 if cells.zero is None else cells.zero.after(f"{path}, {cells.names[0]}", zero)
-    )
+    since = 0.0 if cells.zero is None else cells.zero.after(f"{path}, {names[0]}", zero)
     if np.isnan(cells.numbers[:, 1:]).any(axis=1).all():
-        raise ValueError(f"{path} has no row with all of {', '.join(wanted.field)}.")
-    return Field(times, cells.numbers[:, 1:], cells.lines)
+        raise ValueError(f"{path} has no row with all of {', '.join(names[1:])}.")
+    return Field(cells.numbers[:, 0] * unit + since, cells.numbers[:, 1:], cells.lines)
 
 
 def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
@@ -290,18 +262,16 @@ def _check_order(path: str, header: list[str], names: list[str]) -> None:
     if elsewhere and not _is_time(names[0]):
         raise ValueError(f"{path} has the time in column {elsewhere[0]!r}, not in the first, {names[0]!r}; {cure}")
     endings = [name.lower() for name in names[1:]]
-    common = re.escape(_common(endings)), re.escape(_common([name[::-1] for name in endings])[::-1])
-    parts = [re.sub(f"^{common[0]}|{common[1]}$", "", name) for name in endings]
+    begin, end = _common(endings), _common([name[::-1] for name in endings])[::-1]
+    parts = [re.sub(f"^{re.escape(begin)}|{re.escape(end)}$", "", name) for name in endings]
     for order in _ORDERS:
         if sorted(parts) == sorted(order) and parts != list(order):
             raise ValueError(f"{path} has the rates in the order {', '.join(names[1:])}; {cure}")
 
 
 def _common(words: list[str]) -> str:
-    count = 0
-    while count < min(map(len, words)) and len({word[count] for word in words}) == 1:
-        count += 1
-    return words[0][:count]
+    same = takewhile(lambda letters: len(set(letters)) == 1, zip(*words, strict=False))
+    return "".join(letters[0] for letters in same)
 
 
 def _is_time(name: str) -> bool:
@@ -314,22 +284,18 @@ def _words(name: str) -> list[str]:
 
 
 def _unit_of_times(cells: _Cells, unit: str | None, option: str) -> float:
-    name = cells.names[0]
-    if cells.zero is not None:
-        if unit is not None:
-            raise ValueError(f"{option} must be left out for dates, got {unit}.")
-        return 1.0
-    said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(_words(name))), None)
-    if said is not None and said != (unit or "s"):
+    if cells.zero is None:
+        _check_unit(cells.names[0], _NAMED_TIMES, unit or "s", option)
+        return UNITS_OF_TIME[unit or "s"]
+    if unit is not None:
+        raise ValueError(f"{option} must be left out for dates, got {unit}.")
+    return 1.0
+
+
+def _check_unit(name: str, known: dict[str, tuple[str, ...]], unit: str, option: str) -> None:
+    said = next((unit for unit, words in known.items() if set(words) & set(_words(name))), None)
+    if said is not None and said != unit:
         raise ValueError(f"column {name!r} is in {said} by its name; give {option} {said}, or rename it.")
-    return UNITS_OF_TIME[unit or "s"]
-
-
-def _check_rate_units(names: list[str], unit: str) -> None:
-    for name in names:
-        said = next((unit for unit, known in _NAMED_RATES.items() if set(known) & set(_words(name))), None)
-        if said is not None and said != unit:
-            raise ValueError(f"column {name!r} is in {said} by its name; give --unit {said}, or rename it.")
 
 
 def _check_length(path: str, line: int, header: list[str], row: list[str]) -> None:

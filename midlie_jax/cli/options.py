@@ -102,44 +102,35 @@ def file(*endings: str) -> Callable[[str], str]:
 
 
 def chart(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Runs every method over a ladder of steps and writes the errors and the times as a table "
-        "and a picture. The command runs on one core, so times refer to one core."
+        "Runs every method over a ladder of steps and writes the errors and the times as a table and a picture. The "
+        "command runs on one core, so times refer to one core."
     )
-    parser.add_argument(
-        "scene", nargs="?", default="P1", metavar="SCENE", help=f"see `midlie scenes` (default: P1){OWN}"
-    )
-    parser.add_argument("--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: the paper's){OWN}")
-    parser.add_argument(
-        "--steps", type=whole(1, MOST_STEPS), metavar="N", help="steps on the coarsest rung of the ladder"
-    )
-    parser.add_argument("--levels", type=whole(1), metavar="K", help="rungs; each halves the step (default: 5)")
+    add("scene", nargs="?", default="P1", metavar="SCENE", help=f"see `midlie scenes` (default: P1){OWN}")
+    add("--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
+    add("--methods", nargs="+", metavar="NAME", help=f"methods (default: the paper's){OWN}")
+    add("--steps", type=whole(1, MOST_STEPS), metavar="N", help="steps on the coarsest rung of the ladder")
+    add("--levels", type=whole(1), metavar="K", help="rungs; each halves the step (default: 5)")
 
 
 def stability(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Runs every method over a grid of steps and of spins, shapes of the body and strengths "
-        "of the field, and draws the worst energy error, failed solves, blown-up runs, and the "
-        "theoretical limits."
+        "Runs every method over a grid of steps and of spins, shapes of the body and strengths of the field, and draws "
+        "the worst energy error, failed solves, blown-up runs, and the theoretical limits."
     )
-    parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`; its energy must be constant{OWN}")
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: one of each kind){OWN}")
-    parser.add_argument(
-        "--steps", type=whole(1, MOST_STEPS), default=10_000, metavar="N", help="steps of each run (default: 1e4)"
-    )
-    parser.add_argument(
-        "--grid", type=whole(2, 500), default=32, metavar="N", help="points along each side of a map (default: 32)"
-    )
-    parser.add_argument(
+    add("scene", metavar="SCENE", help=f"see `midlie scenes`; its energy must be constant{OWN}")
+    add("--methods", nargs="+", metavar="NAME", help=f"methods (default: one of each kind){OWN}")
+    add("--steps", type=whole(1, MOST_STEPS), default=10_000, metavar="N", help="steps of each run (default: 1e4)")
+    add("--grid", type=whole(2, 500), default=32, metavar="N", help="points along each side of a map (default: 32)")
+    add(
         "--sweeps",
         nargs="+",
         choices=("spin", "anisotropy", "stiffness"),
         help="the varied properties, a row of maps each (default: all that the scene has)",
     )
-    parser.add_argument(
-        "--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)"
-    )
+    add("--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)")
 
 
 class _Given(argparse.Action):
@@ -151,40 +142,37 @@ class _Given(argparse.Action):
 
 
 def run(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
         "Integrates a scene and prints the errors of energy and momentum and the run time. --out saves the states in a "
         "file, --plot draws them."
     )
-    parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
-    parser.add_argument(
+    add("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
+    add(
         "--method",
         default="JACOBI[EA]",
         action=_Given,
         metavar="NAME",
-        help=(f"see `midlie methods` (default: JACOBI[EA], or the scene's if that does not support its body){OWN}"),
+        help=f"see `midlie methods` (default: JACOBI[EA], or the scene's if that does not support its body){OWN}",
     )
     parser.set_defaults(method_given=False)
-    parser.add_argument("--dt", type=number, metavar="H", help="step (default: the scene's)")
-    parser.add_argument(
-        "--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)"
-    )
-    parser.add_argument(
-        "--bodies", type=whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)"
-    )
-    parser.add_argument("--size", type=number, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
-    parser.add_argument("--seed", type=whole(0), default=0, help="seed of the perturbations (default: 0)")
-    parser.add_argument("--float32", action="store_true", help="integrate in single precision")
-    parser.add_argument(
+    add("--dt", type=number, metavar="H", help="step (default: the scene's)")
+    add("--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)")
+    add("--bodies", type=whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)")
+    add("--size", type=number, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
+    add("--seed", type=whole(0), default=0, help="seed of the perturbations (default: 0)")
+    add("--float32", action="store_true", help="integrate in single precision")
+    add(
         "--out",
         type=file_or_store,
         metavar="FILE",
         help="save times and states: .npz or .csv; or .zarr, a store that is written during the run "
         "and from which it resumes (needs the extra io)",
     )
-    parser.add_argument("--resume", action="store_true", help="resume the run in the .zarr of --out, if there is one")
-    parser.add_argument("--save-every", type=whole(1), metavar="N", help="steps between two states saved in a .zarr")
-    parser.add_argument("--devices", type=whole(1), metavar="K", help="spread the bodies of a .zarr over K devices")
-    parser.add_argument(
+    add("--resume", action="store_true", help="resume the run in the .zarr of --out, if there is one")
+    add("--save-every", type=whole(1), metavar="N", help="steps between two states saved in a .zarr")
+    add("--devices", type=whole(1), metavar="K", help="spread the bodies of a .zarr over K devices")
+    add(
         "--plot",
         type=file(".png"),
         metavar="FILE",
@@ -193,78 +181,74 @@ def run(parser: argparse.ArgumentParser) -> None:
 
 
 def inspect(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Reads a run written by `midlie run --out run.zarr` or midlie_jax.simulate, verifies its "
-        "checksums, and prints its progress, the failed bodies, and its errors of energy and "
-        "momentum."
+        "Reads a run written by `midlie run --out run.zarr` or midlie_jax.simulate, verifies its checksums, and prints "
+        "its progress, the failed bodies, and its errors of energy and momentum."
     )
-    parser.add_argument("store", metavar="RUN.zarr", help="the folder")
-    parser.add_argument("--plot", type=file(".png"), metavar="FILE", help="draw the run, as a PNG")
+    add("store", metavar="RUN.zarr", help="the folder")
+    add("--plot", type=file(".png"), metavar="FILE", help="draw the run, as a PNG")
 
 
 def view(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Shows bodies of runs written by `midlie run --out` or midlie_jax.simulate, as an HTML "
-        "file or as a GIF. The HTML file needs no network; the body can be rotated with the "
-        "mouse, played and set to any time. Several bodies, or several runs, appear side by side "
-        "at the same times."
+        "Shows bodies of runs written by `midlie run --out` or midlie_jax.simulate, as an HTML file or as a GIF. The "
+        "HTML file needs no network; the body can be rotated with the mouse, played and set to any time. Several "
+        "bodies, or several runs, appear side by side at the same times."
     )
-    parser.add_argument("runs", nargs="+", metavar="RUN", help="the .npz or .zarr; several of them side by side")
-    parser.add_argument(
-        "--body", nargs="+", type=whole(0), default=[0], metavar="K", help="which bodies, from 0 (default: 0)"
-    )
-    parser.add_argument(
+    add("runs", nargs="+", metavar="RUN", help="the .npz or .zarr; several of them side by side")
+    add("--body", nargs="+", type=whole(0), default=[0], metavar="K", help="which bodies, from 0 (default: 0)")
+    add(
         "--out",
         type=file(".html", ".gif"),
         default="view.html",
         metavar="FILE",
         help="the .html or .gif to write (default: view.html)",
     )
-    parser.add_argument(
+    add(
         "--axis",
         type=axis,
         default="e3",
         metavar="AXIS",
         help="the axis of the body that is traced: e1, e2 or e3, or a direction such as 1,0,1 (default: e3)",
     )
-    parser.add_argument("--frames", type=whole(2), metavar="N", help="evenly spaced times (default: HTML 200, GIF 72)")
-    parser.add_argument(
-        "--title", metavar="TEXT", help="the line above (default: HTML the description of the run, GIF none)"
-    )
+    add("--frames", type=whole(2), metavar="N", help="evenly spaced times (default: HTML 200, GIF 72)")
+    add("--title", metavar="TEXT", help="the line above (default: HTML the description of the run, GIF none)")
     gif = parser.add_argument_group("only for a GIF")
     gif.add_argument("--rate", type=positive, metavar="F", help="frames per second, at most 50 (default: 20)")
     gif.add_argument("--size", type=whole(64, 2000), metavar="PIXELS", help="of the picture of a body (default: 320)")
     gif.add_argument("--elevation", type=number, metavar="DEG", help="of the viewer above the xy plane (default: 22)")
     gif.add_argument("--azimuth", type=number, metavar="DEG", help="of the viewer around z from x (default: -55)")
     gif.add_argument("--background", metavar="COLOUR", help="any colour of matplotlib (default: white)")
-    parser.add_argument("--open", action="store_true", help="open it in the browser")
+    add("--open", action="store_true", help="open it in the browser")
 
 
 def export(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Writes the attitudes of one body of a run written by `midlie run --out` or "
-        "midlie_jax.simulate, as CSV: time, then the unit quaternion from body to space, scalar "
-        "first; or Euler angles. The header gives the unit. For a translating body the position "
-        "follows; for a body without attitude, the axis is written."
+        "Writes the attitudes of one body of a run written by `midlie run --out` or midlie_jax.simulate, as CSV: time, "
+        "then the unit quaternion from body to space, scalar first; or Euler angles. The header gives the unit. For a "
+        "translating body the position follows; for a body without attitude, the axis is written."
     )
-    parser.add_argument("run", metavar="RUN", help="the .npz or .zarr")
-    parser.add_argument("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
-    parser.add_argument(
+    add("run", metavar="RUN", help="the .npz or .zarr")
+    add("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
+    add(
         "--euler",
         type=sequence,
         metavar="ABC",
         help="Euler angles instead: first about the body axis A, then about its axes B and C after "
         "the earlier rotations; ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
     )
-    parser.add_argument("--radians", action="store_true", help="angles in radians (default: degrees)")
-    parser.add_argument("--csv", action="store_true", help="write CSV, as without this option")
-    parser.add_argument(
+    add("--radians", action="store_true", help="angles in radians (default: degrees)")
+    add("--csv", action="store_true", help="write CSV, as without this option")
+    add(
         "--format",
         choices=("csv", "aem"),
         default="csv",
         help="csv (default), or aem: CCSDS Attitude Ephemeris Message",
     )
-    parser.add_argument("--out", type=file(".csv", ".aem"), metavar="FILE", help="the file (default: the terminal)")
+    add("--out", type=file(".csv", ".aem"), metavar="FILE", help="the file (default: the terminal)")
     message = parser.add_argument_group(
         "--format aem", "Required content of such a file that the run does not contain."
     )
@@ -282,93 +266,77 @@ def export(parser: argparse.ArgumentParser) -> None:
 
 
 def fit(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     parser.description = (
-        "Fits the moments of inertia of a torque-free body, up to their sum, and its initial "
-        "angular velocity to the angular velocities in a CSV file with a header: time, then the "
-        "rates about the three principal axes. Empty cells are missing values. Prints the "
-        "estimates with 95 % intervals. The exit code is 2 if the fit is not ok: if it did not "
-        "converge, if its residuals are not noise of the size of sigma, or if the body rotates "
-        "by more than half a revolution between rows. If the file holds more than a free flight, "
-        "such as a phone in the hand before it and the catch after it, the command takes the part "
-        "with the largest rotation in which the rates satisfy Euler's equations of a free body; "
-        "--from and --to choose another. Times are numbers or dates in ISO 8601."
+        "Fits the moments of inertia of a torque-free body, up to their sum, and its initial angular velocity to the "
+        "angular velocities in a CSV file with a header: time, then the rates about the three principal axes. Empty "
+        "cells are missing values. Prints the estimates with 95 % intervals. The exit code is 2 if the fit is not ok: "
+        "if it did not converge, if its residuals are not noise of the size of sigma, or if the body rotates by more "
+        "than half a revolution between rows. If the file holds more than a free flight, such as a phone in the hand "
+        "before it and the catch after it, the command takes the part with the largest rotation in which the rates "
+        "satisfy Euler's equations of a free body; --from and --to choose another. Times are numbers or dates in ISO "
+        "8601."
     )
-    parser.add_argument("data", metavar="DATA.csv", help="the measurements")
-    parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
-    parser.add_argument(
+    add("data", metavar="DATA.csv", help="the measurements")
+    add("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
+    add(
         "--columns",
         nargs=4,
         metavar="NAME",
         help="the columns of time and of the three rates (default: the first four)",
     )
-    parser.add_argument("--unit", choices=("deg/s", "rad/s"), required=True, help="the unit of the rates")
-    parser.add_argument(
-        "--sigma", type=positive, metavar="S", help="their standard deviation, in this unit (default: from the fit)"
-    )
-    parser.add_argument(
+    add("--unit", choices=("deg/s", "rad/s"), required=True, help="the unit of the rates")
+    add("--sigma", type=positive, metavar="S", help="their standard deviation, in this unit (default: from the fit)")
+    add(
         "--bias",
         action="store_true",
         help="also find the bias of the gyroscope, the constant that it adds to the rates",
     )
-    parser.add_argument(
-        "--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s); not with dates"
-    )
-    parser.add_argument(
+    add("--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s); not with dates")
+    add(
         "--from",
         dest="first",
         metavar="T",
         help="use the rows from this time on, in the file's unit; with dates, a date or seconds after the first row",
     )
-    parser.add_argument("--to", dest="last", metavar="T", help="use the rows up to this time")
-    parser.add_argument(
+    add("--to", dest="last", metavar="T", help="use the rows up to this time")
+    add(
         "--tracker",
         nargs=4,
         metavar="NAME",
         help="the columns w x y z of a star tracker: quaternions of the same axes, from body to space",
     )
-    parser.add_argument(
-        "--tracker-sigma", type=positive, metavar="DEG", help="the standard deviation about each axis, degrees"
-    )
-    parser.add_argument("--space-to-body", action="store_true", help="the quaternions are from space to body")
-    parser.add_argument(
+    add("--tracker-sigma", type=positive, metavar="DEG", help="the standard deviation about each axis, degrees")
+    add("--space-to-body", action="store_true", help="the quaternions are from space to body")
+    add(
         "--magnetometer",
         nargs=3,
         metavar="NAME",
         help="the columns of a magnetometer, along the same axes, in any unit; the field must be constant in space",
     )
-    parser.add_argument(
+    add(
         "--magnetometer-data",
         metavar="FILE.csv",
-        help=("a separate file of the magnetometer with its own times; without it, its columns are in DATA.csv"),
+        help="a separate file of the magnetometer with its own times; without it, its columns are in DATA.csv",
     )
-    parser.add_argument("--magnetometer-time", metavar="NAME", help="the column of time in that file")
-    parser.add_argument(
-        "--magnetometer-time-unit", choices=("s", "ms", "us", "ns"), help="the unit of that column (default: s)"
-    )
-    parser.add_argument(
+    add("--magnetometer-time", metavar="NAME", help="the column of time in that file")
+    add("--magnetometer-time-unit", choices=("s", "ms", "us", "ns"), help="the unit of that column (default: s)")
+    add(
         "--magnetometer-clock",
         choices=("same", "fitted"),
-        help=("`same` if both files use one clock; `fitted` to also find the offset of the magnetometer clock"),
+        help="`same` if both files use one clock; `fitted` to also find the offset of the magnetometer clock",
     )
-    parser.add_argument(
-        "--magnetometer-sigma", type=positive, metavar="DEG", help="the standard deviation of its direction, degrees"
-    )
-    parser.add_argument(
-        "--hard-iron", action="store_true", help="also find the constant that the magnetometer adds to the field"
-    )
-    parser.add_argument(
-        "--starts", type=whole(1), default=1, metavar="N", help="starts: the guess and N - 1 around it (default: 1)"
-    )
-    parser.add_argument(
+    add("--magnetometer-sigma", type=positive, metavar="DEG", help="the standard deviation of its direction, degrees")
+    add("--hard-iron", action="store_true", help="also find the constant that the magnetometer adds to the field")
+    add("--starts", type=whole(1), default=1, metavar="N", help="starts: the guess and N - 1 around it (default: 1)")
+    add(
         "--moments",
         nargs=3,
         type=positive,
         metavar="I",
         help="a guess; the fit keeps its sum (default: from the rates by Euler's equations, with the sum 5.5)",
     )
-    parser.add_argument(
-        "--out", type=file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG"
-    )
+    add("--out", type=file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG")
 
 
 def names(parser: argparse.ArgumentParser, what: str) -> None:
