@@ -4,6 +4,8 @@ Compiling a step costs seconds and running it microseconds, so each method is co
 runs that differ in body, torque, start and step, and every law reads its own rows from it.
 """
 
+import contextlib
+import io
 import os
 import re
 from functools import cache, partial
@@ -20,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax._xla.platform import on_cpu
+from midlie_jax.cli.main import main
 from midlie_jax.integrators.flights import FLIGHTS
 from midlie_jax.integrators.registry import ENTRIES
 from midlie_jax.integrators.runge_kutta import RungeKutta
@@ -319,3 +322,33 @@ def half_last_digit(text: str) -> float:
     """Half a unit of the last digit of a published number such as 4.4e-3."""
     mantissa, exponent = text.split("e")
     return 0.5 * 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))
+
+
+class Outcome(NamedTuple):
+    """What the command `midlie` returns and prints."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """The report of a run by its left column."""
+        assert self.code == 0, self.err
+        pairs = (line.strip().split("  ", 1) for line in self.out.splitlines()[1:] if "  " in line.strip())
+        return {name: value.strip() for name, value in pairs}
+
+
+def midlie(*arguments: Any) -> Outcome:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(list(map(str, arguments)))
+    return Outcome(code, out.getvalue(), err.getvalue())
+
+
+def assert_one_line(arguments: Any, words: Any) -> None:
+    """The command ends with code 2 and one line that holds these words."""
+    outcome = midlie(*arguments)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1), outcome
+    assert outcome.err.startswith("midlie: ")
+    assert all(word in outcome.err for word in words), outcome.err

@@ -59,9 +59,8 @@ def pytest_configure(config):
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
 # Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, and damage to stores.
 REST = {
-    *("test_plot", "test_plot_coupled", "test_plot_room", "test_plot_travel", "test_pictures", "test_side_by_side"),
-    *("test_view", "test_bands", "test_charts", "test_benchmarks", "test_claims", "test_oracles"),
-    *("test_own_methods", "test_simulate_damage", "test_stability", "test_timing", "test_work_precision"),
+    *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_claims", "test_oracles"),
+    *("test_own_methods", "test_simulate_damage", "test_timing", "test_work_precision"),
 }
 BEGAN = time.time()
 # Linux gives a process 65530 maps of memory (vm.max_map_count), each compiled loop takes three, and XLA, given no more,

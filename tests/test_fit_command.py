@@ -1,7 +1,5 @@
 """`midlie fit`: what it reads from a file, prints and draws, and what it says of a wrong file."""
 
-import contextlib
-import io
 import re
 import sys
 from pathlib import Path
@@ -9,51 +7,81 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import assert_one_line, midlie
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.cli.flight import free_flight
-from midlie_jax.cli.main import main
+from midlie_jax.fitting import fit
 
 ROOT = Path(__file__).resolve().parent.parent
 
-MOMENTS, RATE, TIMES = np.array([1.1, 2.0, 2.4]), np.array([0.3, 0.5, -0.2]), np.arange(2.0, 14.1, 0.5)
+MOMENTS, RATE = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
+FIELD, IRON = np.array([30.0, 10.0, -35.0]), np.array([5.0, -8.0, 3.0])
+BODY = ml.RigidBody(MOMENTS)
 
 
-def midlie_fit(*arguments):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(["fit", *map(str, arguments)])
-    return code, out.getvalue(), err.getvalue()
+def states_at(times, attitude=(1.0, 0.0, 0.0, 0.0)):
+    """Rates and attitudes of a tumbling body with I1/I3 = .25, some six turns in twenty seconds."""
+    start = ml.RigidState(BODY.momentum(jnp.asarray(RATE)), attitude)
+    states = ml.free_motion(BODY, start, times).states
+    return np.asarray(states.momentum) / MOMENTS, Rotation.from_quat(np.asarray(states.attitude), scalar_first=True)
 
 
-@pytest.fixture
-def data(tmp_path):
-    """The free body in degrees per second, with columns of another order and empty cells; it starts at t = 2."""
-    body = ml.RigidBody(MOMENTS)
-    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.asarray(RATE))), TIMES - TIMES[0])
-    rates = np.rad2deg(np.asarray(path.states.momentum) / MOMENTS)
-    cells = [[f"{x:.12g}" for x in (*row, t)] for t, row in zip(TIMES, rates, strict=True)]
-    cells[3][1] = ""
-    file = tmp_path / "gyro.csv"
-    file.write_text("\n".join(["p,q,r,seconds", *(",".join(row) for row in cells)]) + "\n")
+def noisy(rng, values, size):
+    return values + size * rng.standard_normal(np.shape(values))
+
+
+def magnetic(rng, turns):
+    """The field in the body, with hard iron."""
+    return noisy(rng, turns.inv().apply(FIELD) + IRON, 0.3)
+
+
+def save(file, head, columns, separator=",", form="{:.6f}"):
+    """Columns of numbers or texts; a NaN is an empty cell."""
+    texts = [[x if isinstance(x, str) else "" if np.isnan(x) else form.format(x) for x in one] for one in columns]
+    rows = zip(*texts, strict=True)
+    file.write_text("\n".join([head.replace(",", separator), *(separator.join(row) for row in rows)]) + "\n")
     return file
 
 
+@pytest.fixture
+def nothing_is_compiled(monkeypatch):
+    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
+
+
+def numbers(out, name):
+    """The estimates with this name."""
+    return [float(x) for x in re.findall(rf"^{name}(?:\[\d\])? +(\S+)", out, re.M)]
+
+
+def interval(out):
+    return [float(x) for x in re.search(r"moments\[0\] / moments\[2\] .*\[([\d.]+), ([\d.]+)\]", out).groups()]
+
+
 @pytest.mark.sample(0)
-def test_the_moments_and_rates_of_a_file_are_found_and_drawn(data, tmp_path):
-    picture = tmp_path / "fit.png"
+def test_the_moments_and_rates_of_a_file_are_found_and_drawn(tmp_path):
+    """In degrees per second, with columns of another order and an empty cell, from t = 2; then with a wrong unit."""
+    picture, times = tmp_path / "fit.png", np.arange(2.0, 14.1, 0.2)
+    rates = np.rad2deg(states_at(times - 2)[0])
+    rates[3, 1] = np.nan
+    file = save(tmp_path / "gyro.csv", "p,q,r,seconds", [*rates.T, times], form="{:.12g}")
     columns = ["--columns", "seconds", "p", "q", "r"]
-    code, out, err = midlie_fit(data, "--scene", "free-body", "--unit", "deg/s", *columns, "--out", picture)
+    code, out, err = midlie("fit", file, "--scene", "free-body", "--unit", "deg/s", *columns, "--out", picture)
     assert (code, err) == (0, "")
-    assert "74 angular velocities at 25 times" in out
-    found = {name: float(value) for name, value in re.findall(r"^(\w+\[\d\](?: / \w+\[\d\])?)\s+(-?[\d.]+)", out, re.M)}
-    for i in range(3):
-        assert abs(found[f"rate[{i}]"] - np.rad2deg(RATE[i])) < 1e-6  # in the unit of the file
-        assert abs(found[f"moments[{i}]"] - MOMENTS[i]) < 1e-8  # their sum is 5.5, which the fit keeps
-    assert abs(found["moments[0] / moments[2]"] - MOMENTS[0] / MOMENTS[2]) < 1e-8
+    assert "182 angular velocities at 61 times" in out
+    np.testing.assert_allclose(numbers(out, "rate"), np.rad2deg(RATE), atol=1e-6)  # in the unit of the file
+    moments = np.array(numbers(out, "moments"))
+    np.testing.assert_allclose(moments, MOMENTS * moments.sum() / MOMENTS.sum(), atol=1e-8)
+    assert abs(float(re.search(r"moments\[0\] / moments\[2\] +(\S+)", out)[1]) - 0.25) < 1e-8
     assert picture.read_bytes().startswith(b"\x89PNG")
+    rates[3, 1] = 0.0
+    file = save(tmp_path / "ms.csv", "t,p,q,r", [200 * times, *rates.T], form="{:.8g}")
+    code, out, err = midlie("fit", file, "--unit", "deg/s", "--moments", *MOMENTS)
+    assert code == 2
+    assert re.search("the body turns [0-9.]+ times between rows", err)
+    assert "; ok" not in out
 
 
 GOOD = "t,x,y,z\n0,1,2,3\n1,1,2,3\n"
@@ -63,6 +91,10 @@ DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
+        ("t,x,y,z\n\udcff\udcfe,1", [], "is not text"),
+        ("t,x,y,z\n0,\x00,2,3\n", [], "is not text"),
+        (GOOD, ["--from", "2", "--to", "1"], "--from must be before --to"),
+        (GOOD, ["--from", "9"], "its times go from 0 to 1"),
         ("t,x,y\n0,1,2\n", [], "four columns are needed"),
         ("t,x,y,z\n", [], "no rows of data"),
         ("t,x,y,z\n0,1,2,3\n1,1,two,3\n", [], "line 3: y must be a number, got 'two'"),
@@ -113,108 +145,74 @@ DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
         ("# a phone\nsep=;\nt;x;y;z\n0;1;2;3\n1;1;two;3\n", [], "line 5: y must be a number, got 'two'"),
     ],
 )
-def test_one_line_says_what_is_wrong_with_a_file(tmp_path, monkeypatch, text, options, message):
-    """Before anything is compiled."""
-    from midlie_jax.fitting import fit
-
-    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
+def test_one_line_says_what_is_wrong_with_a_file(tmp_path, nothing_is_compiled, text, options, message):
     file = tmp_path / "data.csv"
-    file.write_text(text, encoding="utf-8", newline="")
-    code, _, err = midlie_fit(file, "--unit", "rad/s", *options)
-    assert code == 2
-    assert message in err
-    assert err.count("\n") == 1
+    file.write_bytes(text.encode("utf-8", "surrogateescape"))
+    assert_one_line(["fit", file, "--unit", "rad/s", *options], [message])
 
 
-@pytest.mark.parametrize("data", [b"t,x,y,z\n\xff\xfe,1", b"t,x,y,z\n0,\x00,2,3\n"])
-def test_a_file_that_is_no_text(tmp_path, data):
-    file = tmp_path / "data.csv"
-    file.write_bytes(data)
-    code, _, err = midlie_fit(file, "--unit", "rad/s")
-    assert code == 2
-    assert "is not text" in err
-
-
-def log(tmp_path, bias=0.0, noise=0.01):
-    """A tumbling body with I1/I3 = .25, measured with a bias, about six turns with 400 rows."""
-    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
-    body, times = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05)
-    start = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0])
-    states = ml.free_motion(body, start, times).states
-    rng = np.random.default_rng(1)
-    values = np.asarray(states.momentum) / moments + bias * np.array([1.0, -0.8, 0.6])
-    values = values + noise * rng.standard_normal(values.shape)
-    field = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True).inv().apply([30.0, 10.0, -35.0])
-    field = field + np.array([5.0, -8.0, 3.0]) + 0.3 * rng.standard_normal(field.shape)
-    file = tmp_path / "log.csv"
-    cells = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times, values, field])]
-    file.write_text("\n".join(["t,wx,wy,wz,mx,my,mz", *cells]) + "\n")
-    return file
-
-
-def interval(out):
-    return [float(x) for x in re.search(r"moments\[0\] / moments\[2\] .*\[([\d.]+), ([\d.]+)\]", out).groups()]
+def log(tmp_path, bias=0.0):
+    """A gyroscope with a bias and a magnetometer in one file of 400 rows."""
+    times, rng = np.arange(0.0, 20.01, 0.05), np.random.default_rng(1)
+    rates, turns = states_at(times)
+    rates = noisy(rng, rates + bias * np.array([1.0, -0.8, 0.6]), 0.01)
+    return save(tmp_path / "log.csv", "t,wx,wy,wz,mx,my,mz", [times, *rates.T, *magnetic(rng, turns).T])
 
 
 @pytest.mark.sample(0)
-def test_a_bias_that_nobody_asked_for_is_not_ok_and_with_it_the_truth_is_found(tmp_path):
-    """A degree and a half per second."""
-    file = log(tmp_path, bias=np.deg2rad(1.5))
-    code, out, err = midlie_fit(file, "--unit", "rad/s")
+def test_a_doubtful_fit_is_not_ok_and_with_its_cure_the_truth_is_found(tmp_path):
+    """A bias of a degree and a half per second that nobody asked for."""
+    biased = log(tmp_path, bias=np.deg2rad(1.5))
+    code, out, err = midlie("fit", biased, "--unit", "rad/s")
     assert code == 2
     assert "neighbouring residuals are correlated" in err
     assert "try --bias" in err
     assert "; ok" not in out
-    code, out, err = midlie_fit(file, "--unit", "rad/s", "--bias", "--sigma", "0.01")
+    code, out, err = midlie("fit", biased, "--unit", "rad/s", "--bias", "--sigma", "0.01")
     assert (code, err) == (0, "")
     low, high = interval(out)
-    assert low < 0.25 < high
-    assert high - low < 0.01
-    assert abs(float(re.search(r"bias\[0\] +(\S+)", out)[1]) - np.deg2rad(1.5)) < 2e-3
+    assert low < 0.25 < high < low + 0.01
+    assert abs(numbers(out, "bias")[0] - np.deg2rad(1.5)) < 2e-3
 
 
 @pytest.mark.sample(0)
-def test_residuals_far_above_a_given_sigma_are_not_ok(tmp_path):
-    code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", "--sigma", "0.003")
+def test_residuals_above_sigma_and_single_wrong_values_are_not_ok(tmp_path):
+    file = log(tmp_path)
+    code, out, err = midlie("fit", file, "--unit", "rad/s", "--sigma", "0.003")
+    assert (code, "times the sigmas" in err, "NOT ok" in out) == (2, True, True)
+    rows = file.read_text().split("\n")
+    for row in (100, 200, 300):
+        cells = rows[row].split(",")
+        rows[row] = ",".join([*cells[:3], "5.5", *cells[4:]])
+    file.write_text("\n".join(rows))
+    code, _, err = midlie("fit", file, "--unit", "rad/s")
     assert code == 2
-    assert "times the sigmas" in err
-    assert "NOT ok" in out
+    assert "lines 101, 201, 301: Rates: 3 values are off by" in err
+    assert "at t = 4.95, 9.95, 14.95" in err
+
+
+MAGNETOMETER = ["--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
 
 
 @pytest.mark.sample(0)
 def test_a_magnetometer_with_hard_iron_is_fitted_together_with_the_gyroscope(tmp_path):
-    options = ["--sigma", "0.01", "--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
-    code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", *options)
+    code, out, err = midlie("fit", log(tmp_path), "--unit", "rad/s", "--sigma", "0.01", *MAGNETOMETER)
     assert (code, err) == (0, "")
     low, high = interval(out)
     assert low < 0.25 < high
-    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
-    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+    np.testing.assert_allclose(numbers(out, "iron"), IRON, rtol=0, atol=0.3)
 
 
 LATE = 0.03
 
 
 def two_logs(tmp_path, late=0.0, begin=0.9):
-    """The body of `log` by a gyroscope at 20 Hz and a magnetometer at 7 Hz."""
-    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
-    body, times, others = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.arange(begin, 19.0, 1 / 7)
-    start, rng = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0]), np.random.default_rng(1)
-    rates = np.asarray(ml.free_motion(body, start, times).states.momentum) / moments
-    rates = np.rad2deg(rates + 0.01 * rng.standard_normal(rates.shape))
-    turned = np.asarray(ml.free_motion(body, start, others - late).states.attitude)
-    field = Rotation.from_quat(turned, scalar_first=True).inv().apply([30.0, 10.0, -35.0])
-    field = field + np.array([5.0, -8.0, 3.0]) + 0.3 * rng.standard_normal(field.shape)
-    return written(tmp_path, times, rates, others, field)
-
-
-def written(tmp_path, times, rates, others, field):
-    """Two files, and the options of the docs; the second with semicolons and milliseconds."""
-    gyro, compass = tmp_path / "gyro.csv", tmp_path / "mag.csv"
-    cells = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times + 100, rates])]
-    gyro.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
-    cells = [";".join(f"{x:.6f}" for x in row) for row in np.column_stack([field, 1000 * (others + 100)])]
-    compass.write_text("\n".join(["bx;by;bz;stamp_ms", *cells]) + "\n")
+    """A gyroscope at 20 Hz and a magnetometer at 7 Hz, with other separators and units; and the options of the docs."""
+    times, others, rng = np.arange(0.0, 20.01, 0.05), np.arange(begin, 19.0, 1 / 7), np.random.default_rng(1)
+    rates = np.rad2deg(noisy(rng, states_at(times)[0], 0.01))
+    field = magnetic(rng, states_at(others - late)[1])
+    gyro = save(tmp_path / "gyro.csv", "t,wx,wy,wz", [times + 100, *rates.T])
+    compass = save(tmp_path / "mag.csv", "bx,by,bz,stamp_ms", [*field.T, 1000 * (others + 100)], ";")
     page = (ROOT / "docs" / "fitting.md").read_text()
     (line,) = re.findall(r"^midlie fit DATA.csv (.*) --magnetometer-clock fitted$", page, re.MULTILINE)
     return gyro, compass, [compass if word == "FILE" else word for word in line.split()]
@@ -225,13 +223,12 @@ def written(tmp_path, times, rates, others, field):
 def test_two_files_of_two_instruments_are_fitted_together(tmp_path, clock):
     """Of other times, units and separators; the second begins later, and its clock may be ahead."""
     gyro, compass, options = two_logs(tmp_path, LATE if clock == "fitted" else 0.0)
-    code, out, err = midlie_fit(gyro, *options, "--magnetometer-clock", clock)
+    code, out, err = midlie("fit", gyro, *options, "--magnetometer-clock", clock)
     assert (code, err) == (0, "")
     assert f"{compass}: {len(compass.read_text().splitlines()) - 1} directions of the field" in out
     low, high = interval(out)
     assert low < 0.25 < high
-    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
-    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+    np.testing.assert_allclose(numbers(out, "iron"), IRON, rtol=0, atol=0.3)
     if clock == "fitted":
         found, deviation = (float(x) for x in re.search(r"^clock +(\S+) +(\S+)", out, re.M).groups())
         assert abs(found - LATE) < 3 * deviation < 0.01
@@ -255,14 +252,9 @@ def test_two_files_of_two_instruments_are_fitted_together(tmp_path, clock):
         (lambda o, f: [*other(o, f, ";100900", ";095000"), *SAME], "begins 5 s before .*before line 3"),
     ],
 )
-def test_one_line_says_what_is_wrong_with_a_second_file(tmp_path, monkeypatch, change, message):
-    from midlie_jax.fitting import fit
-
-    times, others = np.arange(0.0, 20.01, 0.05), np.arange(0.9, 19.0, 1 / 7)
-    rates, field = np.tile([40.0, 70.0, 120.0], (401, 1)), np.tile([30.0, 10.0, -35.0], (127, 1))
-    gyro, compass, options = written(tmp_path, times, rates, others, field)
-    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
-    code, _, err = midlie_fit(gyro, *change(options, compass))
+def test_one_line_says_what_is_wrong_with_a_second_file(tmp_path, nothing_is_compiled, change, message):
+    gyro, compass, options = two_logs(tmp_path)
+    code, _, err = midlie("fit", gyro, *change(options, compass))
     assert code == 2
     assert re.search(message, err), err
 
@@ -280,42 +272,23 @@ def other(options, file, old, new):
     return options
 
 
-@pytest.mark.sample(0)
-def test_all_values_that_are_wrong_are_named_by_their_lines(tmp_path):
-    file = log(tmp_path)
-    rows = file.read_text().split("\n")
-    for row in (100, 200, 300):
-        cells = rows[row].split(",")
-        rows[row] = ",".join([*cells[:3], "5.5", *cells[4:]])
-    file.write_text("\n".join(rows))
-    code, _, err = midlie_fit(file, "--unit", "rad/s")
-    assert code == 2
-    assert "lines 101, 201, 301: Rates: 3 values are off by" in err
-    assert "at t = 4.95, 9.95, 14.95" in err
-
-
-def held_thrown_caught(tmp_path, unit, rate=(9.0, 1.0, 3.0)):
-    """A phone at rest in the hand, a free flight from t = 1 to 2 s, and the catch; times in this unit of seconds."""
-    moments, flight = np.array([1.0, 2.0, 2.5]), np.arange(0.0, 1.0, 0.01)
+def held_thrown_caught(tmp_path, rate):
+    """A phone at rest in the hand, a free flight from t = 1000 to 1990 ms, and the catch."""
+    moments, flight, rng = np.array([1.0, 2.0, 2.5]), np.arange(0.0, 1.0, 0.01), np.random.default_rng(0)
     body = ml.RigidBody(moments)
     path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.array(rate))), flight)
     rates = np.asarray(path.states.momentum) / moments
     begin = np.linspace(0, 1, 100)[:, None]
     rates = np.concatenate([begin**6 * rates[0], rates, (1 - begin) ** 2 * rates[-1] * [1.0, -0.5, 0.3]])
-    rates = rates + 0.01 * np.random.default_rng(0).standard_normal(rates.shape)
-    file = tmp_path / "phone.csv"
-    cells = [f"{k * 0.01 / unit:.6g}," + ",".join(f"{x:.5f}" for x in row) for k, row in enumerate(rates)]
-    file.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
-    return file
+    return save(tmp_path / "phone.csv", "t,wx,wy,wz", [10.0 * np.arange(300), *noisy(rng, rates, 0.01).T])
+
+
+MS = ["--unit", "rad/s", "--time-unit", "ms"]
 
 
 @pytest.mark.parametrize("options", [[], ["--bias"], ["--moments", "1", "2", "2.5"]])
-def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, monkeypatch, options):
-    from midlie_jax.fitting import fit
-
-    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
-    file = held_thrown_caught(tmp_path, 1e-3, [4.5, 0.5, 1.5])
-    code, _, err = midlie_fit(file, "--unit", "rad/s", "--time-unit", "ms", *options)
+def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, nothing_is_compiled, options):
+    code, _, err = midlie("fit", held_thrown_caught(tmp_path, [4.5, 0.5, 1.5]), *MS, *options)
     assert code == 2
     assert "the file holds more than a free flight" in err
     begin, end = (float(x) for x in re.search(r"--from (\S+) --to (\S+)\.", err).groups())
@@ -326,7 +299,7 @@ def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, mon
 def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
     """In the unit of the file, both ends included."""
     span = ["--from", "1000", "--to", "1990"]
-    code, out, err = midlie_fit(held_thrown_caught(tmp_path, 1e-3), "--unit", "rad/s", "--time-unit", "ms", *span)
+    code, out, err = midlie("fit", held_thrown_caught(tmp_path, [9.0, 1.0, 3.0]), *MS, *span)
     assert (code, err) == (0, "")
     assert "300 angular velocities at 100 times" in out
     low, high = interval(out)
@@ -401,13 +374,10 @@ def test_a_phone_in_a_hand_with_dates_a_gap_and_degrees(tmp_path):
     """The flight crosses midnight; the same answer with dates and with seconds, in degrees per second."""
     times, rates, begin, end = recorded(1)
     kept = np.flatnonzero(~((times > begin + 0.4) & (times < begin + 0.5)) & (np.arange(len(times)) % 7 != 3))
-    times, cells = times[kept], [",".join(f"{x:.4f}" for x in row) for row in np.rad2deg(rates[kept])]
-    printed = []
+    times, printed = times[kept], []
     for column in (dated(times, "+01:00"), [f"{t:.2f}" for t in times]):
-        file = tmp_path / "phone.csv"
-        rows = (f"{t},{row}" for t, row in zip(column, cells, strict=True))
-        file.write_text("\n".join(["time,gx,gy,gz", *rows]) + "\n")
-        code, out, err = midlie_fit(file, "--unit", "deg/s", "--bias")
+        file = save(tmp_path / "phone.csv", "time,gx,gy,gz", [column, *np.rad2deg(rates[kept]).T], form="{:.4f}")
+        code, out, err = midlie("fit", file, "--unit", "deg/s", "--bias")
         assert (code, err) == (0, "")
         printed.append(out)
     first, last = re.search(r"^free flight: --from (\S+) --to (\S+), found", printed[1]).groups()
@@ -418,45 +388,35 @@ def test_a_phone_in_a_hand_with_dates_a_gap_and_degrees(tmp_path):
     )
     low, high = interval(printed[0])
     assert low < 0.9 / 3.9 < high
-    assert abs(float(re.search(r"bias\[0\] +(\S+)", printed[0])[1]) - 1.5) < 1.0
-    numbers = [[float(x) for x in re.findall(r"^moments.* +(\S+)  +\[", out, re.MULTILINE)] for out in printed]
-    np.testing.assert_allclose(numbers[0], numbers[1], rtol=1e-6)
+    assert abs(numbers(printed[0], "bias")[0] - 1.5) < 1.0
+    np.testing.assert_allclose(*(numbers(out, "moments") for out in printed), rtol=1e-6)
 
 
 def three_instruments(tmp_path, order=(0, 1, 2, 3), sign=1.0):
-    """The body of `log`, with a star tracker on every tenth row, gaps of each instrument, and semicolons."""
-    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
-    body, times, rng = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.random.default_rng(3)
-    states = ml.free_motion(body, ml.RigidState(body.momentum(jnp.asarray(rate)), [0.5, 0.5, -0.5, 0.5]), times).states
-    rates = np.rad2deg(np.asarray(states.momentum) / moments + 0.01 * rng.standard_normal((len(times), 3)))
-    turn = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True)
-    field = turn.inv().apply([30.0, 10.0, -35.0]) + [5.0, -8.0, 3.0] + 0.3 * rng.standard_normal(rates.shape)
-    seen = turn * Rotation.from_rotvec(1e-3 * rng.standard_normal(rates.shape))
+    """With a star tracker on every tenth row, gaps of each instrument, dates, and semicolons."""
+    times, rng = np.arange(0.0, 20.01, 0.05), np.random.default_rng(3)
+    rates, turns = states_at(times, (0.5, 0.5, -0.5, 0.5))
+    rates, field = np.rad2deg(noisy(rng, rates, 0.01)), magnetic(rng, turns)
+    seen = turns * Rotation.from_rotvec(1e-3 * rng.standard_normal(rates.shape))
     quaternions = (seen if sign > 0 else seen.inv()).as_quat(scalar_first=True)[:, list(order)]
     quaternions[np.arange(len(times)) % 10 != 2], rates[100:160], field[200:300] = np.nan, np.nan, np.nan
-    file = tmp_path / "craft.csv"
-    cells = (";".join("" if np.isnan(x) else f"{x:.6f}" for x in row) for row in np.hstack([rates, field, quaternions]))
-    rows = (f"{t};{row}" for t, row in zip(dated(times, "Z"), cells, strict=True))
-    file.write_text("\n".join(["time;wx;wy;wz;mx;my;mz;a;b;c;d", *rows]) + "\n")
-    return file
+    columns = [dated(times, "Z"), *rates.T, *field.T, *quaternions.T]
+    return save(tmp_path / "craft.csv", "time,wx,wy,wz,mx,my,mz,a,b,c,d", columns, ";")
 
 
-FIELD = ["--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
 TRACKER = ["--tracker", "a", "b", "c", "d", "--tracker-sigma", "0.0573"]
-THREE = ["--unit", "deg/s", "--sigma", "0.573", *FIELD, *TRACKER]
+THREE = ["--unit", "deg/s", "--sigma", "0.573", *MAGNETOMETER, *TRACKER]
 
 
 @pytest.mark.sample(0)
 def test_a_gyroscope_a_star_tracker_and_a_magnetometer_with_gaps_in_one_fit(tmp_path):
-    code, out, err = midlie_fit(three_instruments(tmp_path), *THREE)
+    code, out, err = midlie("fit", three_instruments(tmp_path), *THREE)
     assert (code, err) == (0, "")
     low, high = interval(out)
     assert low < 0.25 < high
     assert high - low < 0.001  # without the star tracker 0.004
-    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
-    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
-    field = [float(x) for x in re.findall(r"^field\[\d\] +(\S+)", out, re.M)]
-    assert np.dot(field, [30.0, 10.0, -35.0]) / np.linalg.norm([30.0, 10.0, -35.0]) > np.cos(0.005)
+    np.testing.assert_allclose(numbers(out, "iron"), IRON, rtol=0, atol=0.3)
+    assert np.dot(numbers(out, "field"), FIELD) / np.linalg.norm(FIELD) > np.cos(0.005)
 
 
 @pytest.mark.parametrize(
@@ -467,39 +427,12 @@ def test_a_gyroscope_a_star_tracker_and_a_magnetometer_with_gaps_in_one_fit(tmp_
         ({"order": (1, 2, 3, 0)}, [], "scalar-last, .* Name the columns of --tracker in the order w x y z."),
     ],
 )
-def test_quaternions_of_another_convention_are_named(tmp_path, monkeypatch, given, options, cure):
-    from midlie_jax.fitting import fit
-
-    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
-    code, _, err = midlie_fit(three_instruments(tmp_path, **given), *THREE, *options)
+def test_quaternions_of_another_convention_are_named(tmp_path, nothing_is_compiled, given, options, cure):
+    code, _, err = midlie("fit", three_instruments(tmp_path, **given), *THREE, *options)
     assert code == 2
     assert re.search(cure, err), err
 
 
-@pytest.mark.parametrize(
-    ("span", "message"),
-    [(["--from", "2", "--to", "1"], "--from must be before --to"), (["--from", "9"], "its times go from 0 to 1")],
-)
-def test_a_span_without_rows(tmp_path, span, message):
-    file = tmp_path / "data.csv"
-    file.write_text(GOOD)
-    code, _, err = midlie_fit(file, "--unit", "rad/s", *span)
-    assert code == 2
-    assert message in err
-
-
-@pytest.mark.sample(0)
-def test_rows_between_which_the_body_turns_far_are_not_ok(data):
-    """With a guess the fit runs; the unit of the times was mistaken."""
-    file = data.parent / "ms.csv"
-    rows = [row.split(",") for row in data.read_text().splitlines()[1:]]
-    file.write_text("t,p,q,r\n" + "".join(f"{200 * float(t):.6g},{p},{q},{r}\n" for p, q, r, t in rows))
-    code, out, err = midlie_fit(file, "--unit", "deg/s", "--moments", *MOMENTS)
-    assert code == 2
-    assert "the body turns 10 times between rows" in err
-    assert "; ok" not in out
-
-
 def test_a_file_that_is_not_there_and_a_unit_that_is_not_said(tmp_path):
-    assert midlie_fit(tmp_path / "no.csv", "--unit", "deg/s")[0] == 2
-    assert "--unit" in midlie_fit(tmp_path / "no.csv")[2]
+    assert midlie("fit", tmp_path / "no.csv", "--unit", "deg/s")[0] == 2
+    assert "--unit" in midlie("fit", tmp_path / "no.csv")[2]

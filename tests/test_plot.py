@@ -1,11 +1,12 @@
-"""Pictures of one path: what is drawn lies where the motion is, every name can be read, bad input is named."""
+"""Pictures on the user's axes: what is drawn lies where the motion is, of every kind of state; bad input is named."""
 
+import contextlib
 import inspect
-import itertools
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,16 +15,19 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from test_bands import contrast
+from pictured import GRAVITY, UPRIGHT, apart, brick, spun, thrown, turning
 
 import midlie_jax as ml
 from midlie_jax.plot import style
+from midlie_jax.plot.artists import HalfCurve, along_arcs, draw_curve, draw_ellipsoid
+from midlie_jax.plot.conservation import add_up_to_zero, balanced, kept_by
 from midlie_jax.plot.curves import polhodes
+from midlie_jax.plot.motion import motion_of
+from midlie_jax.plot.style import FEW, colours_of
 
 MOMENTS = np.array([1.0, 2.0, 2.5])
-BRICK, TOP, GRAVITY = ml.RigidBody(MOMENTS), ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-UPRIGHT = [1.0, 0.0, 0.0, 0.0]
+BRICK, TOP, WEIGHT = ml.RigidBody(MOMENTS), ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+ROTOR, MASS = ml.SymmetricRotor(5.0, 1.0), 4.0
 
 
 def axes_of(**options):
@@ -53,7 +57,7 @@ def free():
 def precessing():
     """A top in gravity, in float32."""
     numbers = [jnp.asarray(x, jnp.float32) for x in ([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))]
-    top, gravity = jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, GRAVITY))
+    top, gravity = jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, WEIGHT))
     return ml.integrate("SYMMETRIC[EA]", top, gravity, ml.RigidState(*numbers), dt=0.01, steps=400, save_every=2)
 
 
@@ -66,8 +70,6 @@ def failing(path, first_bad):
 
 def points_of(axes):
     """All points of the curves on 3-D axes that are drawn on a surface, (n, 3)."""
-    from midlie_jax.plot.artists import HalfCurve
-
     return np.concatenate([np.transpose(line.get_data_3d()) for line in axes.lines if isinstance(line, HalfCurve)])
 
 
@@ -77,16 +79,6 @@ def texts(axes):
 
 def legend(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()] if axes.get_legend() else []
-
-
-def assert_no_names_collide(axes):
-    axes.figure.canvas.draw()
-    renderer = axes.figure.canvas.get_renderer()
-    # Of the text alone: the extent of an annotation includes its leader.
-    extent = {text: text.get_window_extent(renderer) for text in texts(axes)}
-    extent |= {text: Text.get_window_extent(text, renderer) for text in texts(axes) if hasattr(text, "arrow_patch")}
-    for (one, a), (other, b) in itertools.combinations(extent.items(), 2):
-        assert not a.overlaps(b), (one.get_text(), other.get_text())
 
 
 def test_an_axis_path_lies_on_the_sphere_and_is_that_of_the_attitudes(solid, free):
@@ -108,8 +100,6 @@ def test_an_axis_path_from_above(flat, precessing):
 
 
 def test_arcs_between_far_points_stay_on_the_sphere():
-    from midlie_jax.plot.artists import along_arcs
-
     points = np.random.default_rng(0).normal(size=(6, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     arcs = along_arcs(np.concatenate([points, points[-1:], -points[-1:]]))
@@ -138,7 +128,6 @@ def test_a_polhode_lies_on_the_ellipsoid_of_its_energy(solid, free, kind, turned
     np.testing.assert_allclose(drawn**2 @ weights, twice, rtol=1e-12)
     known = ml.observe.angular_velocity(BRICK, free.states) if kind == "velocity" else free.states.momentum
     np.testing.assert_allclose(np.abs(points), np.abs(known), atol=1e-10)  # an axis of a tensor may point either way
-    assert_no_names_collide(solid)
 
 
 @pytest.mark.parametrize("moments", [[1.0, 2.0, 2.5], [2.5, 1.0, 2.0], [5.0, 5.0, 1.0], [1.0, 1.5, 1.5], [2.0] * 3])
@@ -163,8 +152,6 @@ def drawn_part(half):
 
 def test_what_faces_the_viewer_is_drawn_in_front():
     """From whichever side: the front half of a great circle that is seen at an angle, and the back half behind."""
-    from midlie_jax.plot.artists import draw_curve, draw_ellipsoid
-
     angle = np.linspace(0, 2 * np.pi, 361)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     for azimuth in (0.0, 90.0, 200.0):
@@ -179,9 +166,9 @@ def test_what_faces_the_viewer_is_drawn_in_front():
 
 
 def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat, precessing):
-    found = ml.plot.conserved(flat, *jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, GRAVITY)), precessing)
+    found = ml.plot.conserved(flat, *jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, WEIGHT)), precessing)
     states = jax.tree.map(lambda x: x.astype(jnp.float64), precessing.states)
-    energy = np.asarray(ml.observe.energy(TOP, GRAVITY, states))
+    energy = np.asarray(ml.observe.energy(TOP, WEIGHT, states))
     vertical = np.asarray(ml.observe.spatial_momentum(states))[:, 2]
     np.testing.assert_allclose(found.energy, (energy - energy[0]) / abs(energy[0]), atol=1e-13)
     np.testing.assert_allclose(found.momentum, np.abs(vertical - vertical[0]) / 50.0, atol=1e-13)
@@ -190,8 +177,6 @@ def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat, precessing):
     for line, errors in zip(bold, (found.energy, found.momentum), strict=True):
         np.testing.assert_allclose(line.get_ydata(), np.maximum.accumulate(np.maximum(np.abs(errors), least)))
     assert legend(flat) == ["energy", "vertical momentum"]
-    ml.plot.conserved(flat, TOP, GRAVITY, precessing._replace(states=states), label="again")
-    assert_no_names_collide(flat)
 
 
 def test_what_is_not_conserved_is_said_and_not_drawn(flat, free):
@@ -277,13 +262,10 @@ def test_a_failed_run_is_drawn_up_to_there_and_says_so(free):
         assert any("FAILED after t = 9.95" in text for text in said), said
         for one, other in zip(axes.lines, expected.lines, strict=True):
             np.testing.assert_array_equal(one.get_xydata(), other.get_xydata())
-        assert_no_names_collide(axes)
 
 
 def test_repeated_times_are_drawn_once(flat, free):
     """As those at the end of `integrate_variable_step` are."""
-    from midlie_jax.plot.motion import motion_of
-
     index = jnp.array([0, 1, 2, 3, 4, 4, 4])
     states = jax.tree.map(lambda x: x[index], free.states)
     path = ml.VariableStepPath(
@@ -341,6 +323,8 @@ WRONG = {
         "direction must be 1, -1 or 0, got 2",
     ),
     "other body": (lambda axes, p: bare.conserved(axes, ml.Particles(1.0), None, p), "belongs to a RigidBody"),
+    "several bodies": (lambda axes, p: bare.polhode(axes, *apart(2)), r"path._replace\(states=path.states.of_body\(i"),
+    "many bodies": (lambda axes, p: bare.axis_path(axes, apart(FEW + 1)[1]), "path must hold at most 6 bodies, got 7"),
 }
 
 
@@ -358,24 +342,314 @@ def test_an_ellipsoid_of_another_energy_is_refused(solid, free):
         ml.plot.polhode(solid, BRICK, faster)
 
 
-def test_light_and_dark(free):
+def contrast(colour, background):
+    """The ratio of the Web Content Accessibility Guidelines."""
+
+    def luminance(c):
+        linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(c)]
+        return np.dot([0.2126, 0.7152, 0.0722], linear)
+
+    low, high = sorted((luminance(colour), luminance(background)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_light_and_dark(free, flat):
     """Text has the colour of the axis labels, whatever the style, and lines stand out from white and from black."""
-    for options in ({}, {"projection": "3d"}):
+    ink = "#fedcba"
+    for draw, options in (
+        (lambda axes: ml.plot.axis_path(axes, failing(free, 300)), {}),
+        (lambda axes: ml.plot.axis_path(axes, failing(free, 300)), {"projection": "3d"}),
+        (lambda axes: ml.plot.bands(axes, BAND_TIMES, VALUES), {}),
+    ):
         axes = axes_of(**options)
-        axes.xaxis.label.set_color("#fedcba")
-        ml.plot.axis_path(axes, failing(free, 300))
-        assert {to_rgb(text.get_color()) for text in (*texts(axes), *axes.get_legend().get_texts())} == {
-            to_rgb("#fedcba")
-        }
+        axes.xaxis.label.set_color(ink)
+        draw(axes)
+        assert {to_rgb(text.get_color()) for text in (*texts(axes), *axes.get_legend().get_texts())} == {to_rgb(ink)}
     for colour in (style.BLUE, style.VERMILLION, style.GREEN, style.GREY):
         assert all(contrast(to_rgb(colour), background) > 3 for background in ("white", "black"))
 
 
 def test_the_package_imports_neither_matplotlib_nor_plotly():
     code = (
-        "import sys, midlie_jax as ml; print('midlie_jax.plot' in sys.modules); ml.plot.view; "
+        "import sys, midlie_jax as ml; print('midlie_jax.plot' in sys.modules); ml.plot.view, ml.plot.bands; "
         "print(*('matplotlib' in sys.modules, 'plotly' in sys.modules, 'PIL' in sys.modules))"
     )
     root = Path(__file__).resolve().parent.parent
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root).stdout
     assert said.split() == ["False"] * 4
+
+
+# ---- ensembles ----
+
+BAND_TIMES = np.linspace(0.0, 4.0, 30)
+VALUES = np.random.default_rng(0).normal(size=(200, 1)) * np.sin(BAND_TIMES) + 0.01 * np.arange(200)[:, None]
+
+
+def test_bands_are_quantiles(flat):
+    found = ml.plot.bands(flat, BAND_TIMES, VALUES, levels=(0.5, 0.9))
+    np.testing.assert_allclose(flat.lines[0].get_xydata().T, [BAND_TIMES, np.median(VALUES, axis=0)])
+    assert (found.bodies, found.failed) == (200, 0)
+    assert len(flat.collections) == 2
+    for level, drawn in zip((0.9, 0.5), flat.collections, strict=True):
+        low, high = np.quantile(VALUES, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        np.testing.assert_allclose(found.edges[level], [low, high])
+        corners = drawn.get_paths()[0].vertices
+        assert corners[:, 1].min() == pytest.approx(low.min())
+        assert corners[:, 1].max() == pytest.approx(high.max())
+        inside = np.mean((low <= VALUES) & (high >= VALUES))
+        assert inside == pytest.approx(level, abs=0.01)
+    assert legend(flat) == ["90 %", "50 %", "median, 200 bodies"]
+
+
+def test_failed_bodies_are_left_out_and_counted(flat):
+    """To the last bit as if they had not been there."""
+    broken = np.concatenate([VALUES[:50], np.full((3, 30), 1e9), VALUES[50:]])
+    broken[50, 7], broken[51, 29], broken[52, 0] = np.nan, np.inf, -np.inf
+    found, clean = ml.plot.bands(flat, BAND_TIMES, broken, label="tops"), ml.plot.bands(flat, BAND_TIMES, VALUES)
+    assert (found.bodies, found.failed) == (200, 3)
+    np.testing.assert_array_equal(found.median, clean.median)
+    np.testing.assert_array_equal(found.edges[0.9], clean.edges[0.9])
+    assert "tops, 200 bodies, 3 failed and left out" in legend(flat)
+
+
+NO_BANDS = {
+    "shapes": (
+        (BAND_TIMES, VALUES.T),
+        {},
+        r"times must be \(n,\) and values \(bodies, n\), got \(30,\) and \(30, 200\)",
+    ),
+    "vectors": ((BAND_TIMES, VALUES[..., None]), {}, "For a vector, pass one component"),
+    "nothing": ((BAND_TIMES, VALUES[:0]), {}, "times must be"),
+    "words": ((BAND_TIMES, "values"), {}, "must be arrays of numbers, got an array of shape .* and str"),
+    "unsorted": ((BAND_TIMES[::-1], VALUES), {}, "times must ascend and be finite. Sort"),
+    "NaN times": ((BAND_TIMES * np.nan, VALUES), {}, "times must ascend"),
+    "all failed": ((BAND_TIMES, VALUES * np.nan), {}, "finite row, got none in 200 rows.*first_bad"),
+    "percent": ((BAND_TIMES, VALUES), {"levels": (50.0, 90.0)}, r"levels must be fractions .*got \(50.0, 90.0\)"),
+    "no level": ((BAND_TIMES, VALUES), {"levels": ()}, "levels must be fractions"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "options", "message"), NO_BANDS.values(), ids=NO_BANDS.keys())
+def test_values_without_bands_are_named(flat, arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        ml.plot.bands(flat, *arguments, **options)
+    assert not flat.lines
+    assert not flat.collections
+
+
+# ---- every kind of state ----
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """For each kind of state a body, the torque, and a path."""
+    tilted = ml.RigidState([0.0, 0.3, 30.0], ml.so3.exp(jnp.array([0.5, 0.0, 0.0])))
+    free_rotor, free_top = ml.FreeBody(ROTOR, MASS), ml.FreeBody(TOP, MASS)
+    place = ([8.0, 0.0, 32.0], [0.0, 0.0, 1.0])
+    top = ml.FreeState(tilted.momentum, tilted.attitude, *place)
+    made = {
+        "RigidState": ("JACOBI[EA]", TOP, WEIGHT, tilted),
+        "DirectionState": ("JACOBI[EA]", TOP, WEIGHT, ml.DirectionState(tilted.momentum, [0.0, 0.6, 0.8])),
+        "MomentumState": ("JACOBI[EA]", TOP, None, ml.MomentumState(tilted.momentum)),
+        "AxisState": ("SYMMETRIC[EA]", ROTOR, WEIGHT, ml.AxisState.of(tilted)),
+        "FreeState": ("JACOBI[EA]", free_top, GRAVITY, top),
+        "FreeAxisState": ("SYMMETRIC[EA]", free_rotor, GRAVITY, ml.FreeAxisState.of(top)),
+    }
+    return {
+        name: (body, torque, ml.integrate(method, body, torque, start, dt=0.02, steps=40))
+        for name, (method, body, torque, start) in made.items()
+    }
+
+
+KINDS = ("RigidState", "DirectionState", "MomentumState", "AxisState", "FreeState", "FreeAxisState")
+
+
+DRAW = {
+    "animate": lambda body, torque, path, out: ml.plot.animate(body, path, out / "a.gif", frames=3, size=120),
+    "view": lambda body, torque, path, out: ml.plot.view(body, path, frames=3),
+    "axis_path": lambda body, torque, path, out: ml.plot.axis_path(axes_of(projection="3d"), path),
+    "axis_path from above": lambda body, torque, path, out: ml.plot.axis_path(axes_of(), path),
+    "track": lambda body, torque, path, out: ml.plot.track(axes_of(projection="3d"), path, label="a body"),
+    "track in a plane": lambda body, torque, path, out: ml.plot.track(axes_of(), path, label="a body"),
+    "polhode": lambda body, torque, path, out: bare.polhode(axes_of(projection="3d"), body, path),
+    "conserved": lambda body, torque, path, out: ml.plot.conserved(axes_of(), body, torque, path),
+    "poincare": lambda body, torque, path, out: ml.plot.poincare(axes_of(), path, _first, _first, _first, direction=0),
+}
+NO_ATTITUDE = dict.fromkeys(("DirectionState", "MomentumState"), "needs the attitude")
+NO_PLACE = {kind: f"must hold positions, got {kind}s" for kind in KINDS if not kind.startswith("Free")}
+NOT_IN_BODY = dict.fromkeys(("AxisState", "FreeAxisState"), "must hold momenta in the body frame")
+REFUSED = {
+    "animate": NO_ATTITUDE,
+    "view": NO_ATTITUDE,
+    "axis_path": NO_ATTITUDE,
+    "axis_path from above": NO_ATTITUDE,
+    "track": NO_PLACE,
+    "track in a plane": NO_PLACE,
+    "polhode": NOT_IN_BODY,
+}
+
+
+@pytest.mark.sample(6)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", DRAW)
+def test_every_function_draws_every_kind_of_state_or_says_what_is_missing(cases, tmp_path, name, kind):
+    refusal = REFUSED.get(name, {}).get(kind)
+    with pytest.raises(ValueError, match=refusal) if refusal else contextlib.nullcontext():
+        assert DRAW[name](*cases[kind], tmp_path) is not None
+    assert bool(list(tmp_path.iterdir())) == (name == "animate" and not refusal)
+
+
+@pytest.mark.parametrize("axis", ["e1", [0.6, 0.0, 0.8]])
+@pytest.mark.parametrize("kind", ["AxisState", "FreeAxisState"])
+def test_an_axis_that_a_state_does_not_know_is_refused(cases, kind, axis):
+    body, _, path = cases[kind]
+    for draw in (lambda: ml.plot.axis_path(axes_of(), path, axis), lambda: ml.plot.view(body, path, axis=axis)):
+        with pytest.raises(ValueError, match=f'axis must be "e3" for a {kind}'):
+            draw()
+
+
+def test_a_body_of_another_kind_is_refused(cases):
+    for kind, body in (("FreeState", TOP), ("AxisState", TOP), ("RigidState", brick()), ("FreeAxisState", brick())):
+        with pytest.raises(ValueError, match=f"a {kind} belongs to a"):
+            ml.plot.view(body, cases[kind][2])
+
+
+def test_the_path_of_an_axis_is_that_of_the_same_motion_with_an_attitude(cases):
+    """Also the axis that moves, at saved times and between them."""
+    for kind, other, to_axis in (
+        ("RigidState", "AxisState", ml.AxisState.of),
+        ("FreeState", "FreeAxisState", ml.FreeAxisState.of),
+    ):
+        (body, _, path), (rotor, _, _) = cases[kind], cases[other]
+        alone = path._replace(states=to_axis(path.states))
+        known = ml.plot.axis_path(axes_of(), path)
+        np.testing.assert_allclose(ml.plot.axis_path(axes_of(), alone), known, atol=1e-14)
+        np.testing.assert_allclose(ml.plot.axis_path(axes_of(), alone, [0, 0, -1.0]), -known, atol=1e-14)
+        one, two = turning(body, path, 2, 41, most=100), turning(rotor, alone, 2, 41, most=100)
+        np.testing.assert_allclose(two.tips, one.tips, atol=1e-13)
+        np.testing.assert_allclose(two.momenta, one.momenta, atol=1e-13)
+        between = turning(rotor, alone, 2, 78, most=100)
+        np.testing.assert_allclose(np.linalg.norm(between.tips, axis=1), 1, atol=1e-12)
+
+
+def test_a_track_is_the_positions_on_one_scale_in_the_plane_where_it_is_longest():
+    path = thrown()
+    axes = axes_of()
+    positions = ml.plot.track(axes, path, label="a brick")
+    np.testing.assert_array_equal(positions, path.states.position)
+    np.testing.assert_array_equal(axes.lines[0].get_xydata(), positions[:, [0, 2]])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x  [length]", "z  [length]")
+    side = path._replace(states=ml.FreeState.made(path.states.turning, path.states.linear, positions[:, [1, 0, 2]]))
+    ml.plot.track(axes, side)  # longest in yz, but drawn in the plane of the first
+    np.testing.assert_array_equal(axes.lines[2].get_xydata(), positions[:, [1, 2]])
+    solid = axes_of(projection="3d")
+    ml.plot.track(solid, path)
+    ml.plot.track(solid, side, label="aside")
+    limits = np.array([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()])
+    spans = np.ptp(limits, axis=1)
+    np.testing.assert_allclose(solid.get_box_aspect() / spans, (solid.get_box_aspect() / spans)[0])
+    both = np.concatenate([positions, positions[:, [1, 0, 2]]])
+    assert np.all((both > limits[:, 0]) & (both < limits[:, 1]))
+
+
+def test_tracks_and_axes_of_coupled_bodies():
+    _, path = apart(2)
+    flat, solid = axes_of(), axes_of(projection="3d")
+    np.testing.assert_array_equal(ml.plot.track(flat, path), path.states.position)
+    assert {line.get_color() for line in flat.lines} == set(colours_of(2))
+    tips = ml.plot.axis_path(solid, path, "e1")
+    np.testing.assert_allclose(tips[7, 1], spun(path, 1, 7)[:, 0], atol=1e-12)
+
+
+# ---- what is conserved ----
+
+MU = ml.torques.PointMass(1.0)
+FLAT = ml.torques.Oblateness(1.0, 0.5, 0.1, [0.6, 0.0, 0.8])
+OTHER = ml.torques.Oblateness(1.0, 0.5, 0.1, [0.0, 0.6, 0.8])
+UP = ml.torques.HeavyTop(0.5)
+FORCES = {
+    "none": (None, "total angular momentum", True),
+    "gravity": (GRAVITY, "total momentum along gravity", False),
+    "point mass": (MU, "total angular momentum", False),
+    "oblate": (MU + FLAT, "total momentum along the pole", False),
+    "torque alone": (UP, "vertical total momentum", True),
+    "dipole": (ml.torques.DipoleInField([0.1, 0.0, 0.3], [1.0, 2.0, 0.0]), "total momentum along the field", True),
+    "gravity and torque": (GRAVITY + UP, "total momentum along gravity", False),
+    "gravity and point mass": (GRAVITY + MU, "total momentum along gravity", False),
+    "gravity across": (ml.torques.UniformGravity([1.0, 0.0, 0.0]) + UP, None, False),
+    "thrust": (ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), ValueError, False),
+    "drag": (ml.torques.Drag([0.0, 0.0, 0.1], 0.1, 1.0), ValueError, False),
+}
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize(("torque", "momentum", "linear"), FORCES.values(), ids=FORCES.keys())
+def test_what_is_said_to_be_conserved_is_conserved(torque, momentum, linear):
+    """The methods conserve the momenta that the exact motion does, up to rounding."""
+    body = brick()
+    start = ml.FreeState(body.momentum(jnp.array([0.5, 2.0, 0.3])), UPRIGHT, [0.5, 3.0, 1.5], [1.5, 0.2, -0.3])
+    path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+    if momentum is ValueError:
+        with pytest.raises(ValueError, match="nothing is conserved"):
+            ml.plot.conserved(axes_of(), body, torque, path)
+        return
+    axes = axes_of()
+    found = ml.plot.conserved(axes, body, torque, path)
+    assert np.max(np.abs(found.energy)) < 1e-3
+    assert (found.linear is not None, found.momentum is not None) == (linear, momentum is not None)
+    for errors in (found.momentum, found.linear):
+        assert errors is None or np.max(errors) < 1e-12
+    names = {line.get_label() for line in axes.lines if line.get_linewidth() == 2.0}
+    assert names == {"energy"} | ({momentum} if momentum else set()) | ({"linear momentum"} if linear else set())
+
+
+def test_a_sum_of_forces_keeps_what_each_of_them_keeps():
+    for torque in (MU + FLAT + OTHER, GRAVITY + FLAT, MU + ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0])):
+        assert kept_by(torque) is None
+        assert kept_by(torque + torque) is None
+    assert kept_by(MU + MU) == kept_by(None)
+    both: Any = kept_by(FLAT + MU + FLAT)
+    assert both.which == "component along the pole"
+
+
+def test_an_axis_keeps_what_a_body_with_an_attitude_keeps(cases):
+    found = ml.plot.conserved(axes_of(), *cases["AxisState"])
+    assert np.max(found.momentum) < 1e-13
+    start = jax.tree.map(lambda x: x[0], cases["AxisState"][2].states)
+    free = ml.integrate("SYMMETRIC[EA]", ROTOR, None, start, dt=0.1, steps=9)
+    assert np.max(ml.plot.conserved(axes_of(), ROTOR, None, free).momentum) < 1e-13
+
+
+def test_the_sums_of_the_momenta_are_conserved():
+    body, path = apart(2)
+    found = ml.plot.conserved(axes_of(), body, None, path)
+    assert max(float(np.abs(each).max()) for each in found[1:] if each is not None) < 1e-14
+    pull = ml.torques.FromPotential(lambda t, s: 3 * jnp.sum((s.position[0] - s.position[1]) ** 2))
+    assert balanced(body, pull, path.times, path.states)
+    assert not balanced(body, pull + ml.torques.OnEach(GRAVITY), path.times, path.states)
+    # The bodies do not follow the pull, but all that counts is kept.
+    pulled = ml.plot.conserved(axes_of(), body, pull, path)
+    assert pulled.momentum is not None
+    assert pulled.linear is not None
+    assert float(np.abs(pulled.linear).max()) < 1e-14
+
+
+def test_what_conserves_the_momentum_is_known():
+    assert kept_by(ml.asteroids.MutualGravity(1.0)) == kept_by(None)
+    along: Any = kept_by(ml.torques.OnEach(GRAVITY))
+    assert along.letter == "g"
+    assert add_up_to_zero(np.array([[[1.0, 2.0, 3.0], [-1.0, -2.0, -3.0]]]))
+    assert not add_up_to_zero(np.array([[[1.0, 2.0, 3.0], [-1.0, -2.0, -3.1]]]))
+
+
+@pytest.mark.sample(0)
+def test_a_section_of_coupled_bodies():
+    _, path = apart(2)
+    found = ml.plot.poincare(
+        axes_of(), path,
+        lambda t, s: s.position[0, 0] + 0.35, lambda t, s: s.position[1, 1], lambda t, s: s.momentum[1, 2],
+        direction=0,
+    )  # fmt: skip
+    when = -0.35 / float(path.states.linear[0, 0, 0])
+    np.testing.assert_allclose(found.times, [when], rtol=1e-12)
+    np.testing.assert_allclose(found.states.attitude[0, 1, 3], np.sin(when / 2), atol=1e-5)
