@@ -72,9 +72,7 @@ sys.exit(code)
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize(
-    "arguments", [["--help"], *([name, "--help"] for name in ("chart", "run", "methods", "scenes"))]
-)
+@pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"]])
 def test_help_comes_without_jax(arguments):
     outcome = without_jax(*arguments)
     assert outcome.returncode == 0, outcome.stderr
@@ -82,9 +80,7 @@ def test_help_comes_without_jax(arguments):
     assert outcome.stdout.endswith("imported: []\n")
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["chrat"], ["run", "P1", "--steps", "many"], ["run", "P1", "--out", "x.txt"]]
-)
+@pytest.mark.parametrize("arguments", [["chrat"], ["run", "P1", "--out", "x.txt"]])
 def test_a_wrong_line_is_refused_without_jax(arguments):
     outcome = without_jax(*arguments)
     assert outcome.returncode == 2
@@ -199,14 +195,6 @@ def test_run_reports_the_conservation_laws_of_a_batch_of_tops():
     assert seen["throughput"].endswith("body-steps/s")
     assert float(seen["throughput"].split()[0]) > 0
     assert re.fullmatch(r"\S+ s of (processor|wall) time on .+ \(median, ±\d+%\)", seen["run time"])
-
-
-@pytest.mark.sample(0)
-def test_run_of_a_free_body_keeps_all_of_the_spatial_momentum():
-    seen = midlie("run", "tumbling-brick", "--steps", "50").facts
-    size, what = seen["momentum error, largest relative"].split(maxsplit=1)
-    assert float(size) < 50 * 8 * np.finfo(float).eps
-    assert "all of it" in what
 
 
 @pytest.mark.sample(0)
@@ -406,30 +394,6 @@ def test_a_run_that_fails_is_reported_saved_and_drawn(tmp_path):
 SEQUENCES = ["".join(s) for s in itertools.product("XYZ", repeat=3) if s[1] not in (s[0], s[2])]
 
 
-def turned(axis, angles):
-    return np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.asarray(np.outer(angles, np.eye(3)["XYZ".index(axis)])))))
-
-
-def together(sequence, angles):
-    one, two, three = (turned(axis, angles[:, i]) for i, axis in enumerate(sequence))
-    return one @ two @ three
-
-
-@pytest.mark.parametrize("sequence", SEQUENCES)
-def test_euler_angles_give_the_rotation_back(sequence):
-    """Also where the first and third axis are parallel."""
-    proper = sequence[0] == sequence[2]
-    second = [0.0, np.pi] if proper else [np.pi / 2, -np.pi / 2]
-    angles = np.random.default_rng(0).uniform(-3, 3, (50, 3))
-    angles[:, 1] = abs(angles[:, 1]) if proper else angles[:, 1] / 2
-    angles[:2, 1] = second
-    matrices = together(sequence, angles)
-    found, locked = euler_angles(matrices, sequence)
-    assert list(np.flatnonzero(locked)) == [0, 1]
-    np.testing.assert_allclose(together(sequence, found), matrices, atol=1e-12)
-    np.testing.assert_allclose(found[2:], angles[2:], atol=1e-9)
-
-
 NEAREST = np.array([0.0, 1e-15, 1e-12, 1e-9, 9e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-3])  # to the pole, radians
 
 
@@ -450,18 +414,9 @@ def test_euler_angles_near_the_poles_give_the_rotation_back(sequence):
             found, _ = euler_angles(matrices, sequence)
             rebuilt = Rotation.from_euler(sequence, found.astype(float)).as_matrix()
             np.testing.assert_allclose(rebuilt, wanted, atol=8 * np.finfo(matrices.dtype).eps)
-
-
-def test_a_quaternion_of_float32_near_a_pole():
-    """The exported third angle was 1.093451, which with the first angle is a rotation that is wrong by 0.08."""
-    quaternion = np.array([[0.34997767, 0.61442322, 0.34997699, -0.61442322]], np.float32)
-    for matrices, near in (
-        (matrices_of(quaternion), 1e-15),
-        (np.asarray(ml.so3.to_matrix(jnp.asarray(quaternion))), 1e-6),
-    ):
-        found, _ = euler_angles(matrices, "ZYX")
-        turn = Rotation.from_euler("ZYX", found.astype(float)).inv() * Rotation.from_quat(quaternion, scalar_first=True)
-        assert turn.magnitude() < near
+    _, locked = euler_angles(rotations.as_matrix(), sequence)
+    assert locked[:: len(NEAREST)].all()
+    assert not locked[len(NEAREST) - 1 :: len(NEAREST)].any()
 
 
 # ---- stores ----
@@ -500,7 +455,7 @@ def test_export_writes_time_and_attitude(run, tmp_path):
         assert lines[0] == ["time", f"euler_1_Z [{unit}]", f"euler_2_Y [{unit}]", f"euler_3_X [{unit}]"]
         angles = scale * np.array(lines[1:], float)[:, 1:]
         matrices = np.asarray(ml.so3.to_matrix(jnp.asarray(opened.attitude[0].values)))
-        np.testing.assert_allclose(together("ZYX", angles), matrices, atol=1e-12)
+        np.testing.assert_allclose(Rotation.from_euler("ZYX", angles).as_matrix(), matrices, atol=1e-12)
     assert_one_line(["export", run.out, "--body", 3], ["body must be from 0 to 2"])
 
 

@@ -342,19 +342,7 @@ def test_an_ellipsoid_of_another_energy_is_refused(solid, free):
         ml.plot.polhode(solid, BRICK, faster)
 
 
-def contrast(colour, background):
-    """The ratio of the Web Content Accessibility Guidelines."""
-
-    def luminance(c):
-        linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(c)]
-        return np.dot([0.2126, 0.7152, 0.0722], linear)
-
-    low, high = sorted((luminance(colour), luminance(background)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def test_light_and_dark(free, flat):
-    """Text has the colour of the axis labels, whatever the style, and lines stand out from white and from black."""
+def test_text_has_the_colour_of_the_axis_labels(free):
     ink = "#fedcba"
     for draw, options in (
         (lambda axes: ml.plot.axis_path(axes, failing(free, 300)), {}),
@@ -365,8 +353,6 @@ def test_light_and_dark(free, flat):
         axes.xaxis.label.set_color(ink)
         draw(axes)
         assert {to_rgb(text.get_color()) for text in (*texts(axes), *axes.get_legend().get_texts())} == {to_rgb(ink)}
-    for colour in (style.BLUE, style.VERMILLION, style.GREEN, style.GREY):
-        assert all(contrast(to_rgb(colour), background) > 3 for background in ("white", "black"))
 
 
 def test_the_package_imports_neither_matplotlib_nor_plotly():

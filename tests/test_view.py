@@ -24,7 +24,6 @@ from cases import assert_one_line, benchmark, midlie
 from pictured import (
     GRAVITY,
     HALF,
-    MASS,
     TIMES,
     UPRIGHT,
     apart,
@@ -209,33 +208,6 @@ HEADLESS = (
 )  # fmt: skip
 
 
-def opened(page, picture, folder, *options):
-    """A screenshot of the page, (height, width, 3), and what the browser wrote on its console."""
-    command = [BROWSER, *HEADLESS, *options, f"--user-data-dir={folder}", f"--screenshot={picture}", page.as_uri()]
-    said = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True).stderr
-    return np.asarray(Image.open(picture).convert("RGB")).astype(int), re.findall(r"CONSOLE[:(].*", said)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome is installed, in which the view could be opened")
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_a_view_in_a_browser(page, tmp_path, dark):
-    """The body is seen, on a page of the colour that the browser is set to, and nothing is wrong on the console."""
-    options = ["--blink-settings=preferredColorScheme=0"] if dark else ["--blink-settings=preferredColorScheme=1"]
-    seen, console = opened(page, tmp_path / "view.png", tmp_path / "profile", *options)
-    assert not [line for line in console if re.search("error|failed|ERR_", line, re.IGNORECASE)], console
-    ground = np.array([0x11] * 3 if dark else [0xFF] * 3)
-    assert np.mean(np.all(np.abs(seen - ground) < 3, axis=-1)) > 0.5
-    hue = seen - seen.min(axis=-1, keepdims=True)
-    orange = (hue[..., 0] > 150) & (hue[..., 1] > 80) & (hue[..., 2] == 0)
-    pale_blue = (hue[..., 0] == 0) & (hue[..., 2] > 20) & (hue[..., 2] < 50)
-    blue, sky = (np.all(np.abs(seen - colour) < 3, axis=-1) for colour in ([0x00, 0x72, 0xB2], [0x56, 0xB4, 0xE9]))
-    assert np.mean(orange) > 0.003, "one side of the box"
-    assert np.mean(pale_blue) > 0.01, "another side of the box"
-    assert np.mean(sky if dark else blue) > 0.001, "the axis and its path"
-    assert not np.any(blue if dark else sky), "the axis or its path in the colour of the other page"
-
-
 # ---- bodies that travel ----
 
 
@@ -414,20 +386,6 @@ def test_a_view_shows_itself_in_a_notebook_and_writes_no_file_unasked(path, tmp_
         shown.write("now.pdf")
 
 
-@pytest.mark.sample(0)
-def test_bodies_of_an_ensemble_are_told_apart():
-    """A batch of bodies that travel, with masses of their own."""
-    one: Any = brick().body
-    moments = np.stack([one.moments, 2 * one.moments])
-    bodies = ml.FreeBody(ml.RigidBody(moments), np.array([MASS, 2 * MASS]))
-    start = jax.tree.map(lambda x: jnp.stack([x[0], x[0]]), thrown().states)
-    path = ml.ensemble("JACOBI[EA]", bodies, GRAVITY, start, dt=0.05, steps=8, save_every=1)
-    shown = panels(bodies, path)
-    assert [panel.name for panel in shown] == ["body 0", "body 1"]
-    assert [float(panel.body.mass) for panel in shown] == [MASS, 2 * MASS]
-    ml.plot.view(bodies, path, frames=3)
-
-
 # ---- `midlie view` ----
 
 
@@ -565,24 +523,6 @@ def test_points_are_drawn_in_place_of_solids():
     single = ml.FreeBody(ml.RigidBody([0.02, 0.03, 0.04]), 1.0), path._replace(states=path.states.of_body(1))
     (alone,) = scenes(panels(*single), 2, 21, 100, SITES)
     np.testing.assert_allclose(alone.sites(5)[0] - shown.sites(5)[1], 0, atol=1e-12)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("points", [None, SITES])
-def test_files_show_them(points, tmp_path):
-    body, path = apart(2)
-    options: dict[str, Any] = {"frames": 3, "points": points}
-    with Image.open(ml.plot.animate(body, path, tmp_path / "two.gif", size=160, **options)) as picture:
-        assert (getattr(picture, "n_frames", 1), picture.size) == (3, (160, 160))
-    data = figure_of(ml.plot.view(body, path, **options).html)[0]
-    names = [trace["name"] for trace in data]
-    assert names[:2] == ["path of body 0", "path of body 1"]
-    if points is None:
-        assert len(data[2]["x"]) == 16
-        assert names[3:] == ["e3 of body 0", "e3 of body 1"]
-    else:
-        assert len(data[2]["x"]) == 6
-        assert names[3:] == ["bonds"]
 
 
 @pytest.mark.sample(0)
