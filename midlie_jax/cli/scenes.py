@@ -62,15 +62,18 @@ _SCENES: dict[str, Callable[[], Scene]] = {}
 
 
 def _named(
-    name: str, title: str, dt: float, duration: float, source: str, units: str = _ANY_UNITS, method: str = ""
+    name: str, title: str, times: tuple[float, float], source: str, units: str = _ANY_UNITS, method: str = ""
 ) -> Callable[[Callable[[], Made]], Callable[[], Made]]:
-    """Decorator that registers a scene, from the function that makes it in the widest dtype."""
+    """Decorator that registers a scene, from the function that makes it in the widest dtype.
+
+    `times` are the step and the duration.
+    """
 
     def register(make: Callable[[], Made]) -> Callable[[], Made]:
         def made() -> Scene:
             body, torque, start, *axes = make()
             own = {"method": method} if method else {}
-            return Scene(name, title, body, torque, start, dt, duration, source, units, *axes, **own)
+            return Scene(name, title, body, torque, start, *times, source, units, *axes, **own)
 
         _SCENES[name] = made
         return make
@@ -125,7 +128,7 @@ def _top(tilt: float, spin: float) -> Made:
 
 
 def _top_named(name: str, title: str, tilt: float, spin: float, duration: float, source: str) -> None:
-    _named(name, title, 0.005, duration, source, "any consistent units; z up")(partial(_top, tilt, spin))
+    _named(name, title, (0.005, duration), source, "any consistent units; z up")(partial(_top, tilt, spin))
 
 
 _top_named("P1", "fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG)
@@ -135,8 +138,7 @@ _top_named("P1-tilted", "fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIM
 @_named(
     "P2",
     "Krysl's block, a prism 60 x 60 x 240 mm spinning on the middle of one end",
-    1e-4,
-    0.8,
+    (1e-4, 0.8),
     "Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
     "kg, m, s; density 2700 kg/m^3; z up",
 )
@@ -160,8 +162,7 @@ _top_named(
 @_named(
     "compass",
     "compass needle in a field: it swings about the field and spins slowly about its axis",
-    0.05,
-    20.0,
+    (0.05, 20.0),
     "chosen here, not published: the frequency of small oscillations without spin is 2",
     "any consistent units; z up",
 )
@@ -173,8 +174,7 @@ def _compass() -> Made:
 @_named(
     "tumbling-brick",
     "tumbling brick without drag, in free fall",
-    0.05,
-    30.0,
+    (0.05, 30.0),
     _NESC,
     "slug, ft, s; space is North-East-Down over the equator at longitude and time 0, not turning",
 )
@@ -186,8 +186,7 @@ def _tumbling_brick() -> Made:
 @_named(
     "dzhanibekov",
     "Dzhanibekov's body: it spins about its middle axis and turns over again and again",
-    0.005,
-    20.0,
+    (0.005, 20.0),
     "moments of Hairer & Vilmart's driver; the spin is chosen here, not published",
 )
 def _dzhanibekov() -> Made:
@@ -198,8 +197,7 @@ def _dzhanibekov() -> Made:
 @_named(
     "free-asymmetric",
     "free asymmetric body",
-    0.01,
-    10.0,
+    (0.01, 10.0),
     "driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
 )
 def _free_asymmetric() -> Made:
@@ -209,8 +207,7 @@ def _free_asymmetric() -> Made:
 @_named(
     "asymmetric-top",
     "asymmetric heavy top with a strong torque: no symmetry and no closed form",
-    0.01,
-    10.0,
+    (0.01, 10.0),
     _HERE,
     "any consistent units; z up",
 )
@@ -223,8 +220,7 @@ def _asymmetric_top() -> Made:
 @_named(
     "bruls-cardona",
     "heavy top of Bruls and Cardona, axis along y, spinning at 150 rad/s",
-    0.001,
-    2.0,
+    (0.001, 2.0),
     "Bruls & Cardona, J. Comput. Nonlinear Dynam. 5 (2010) 031002; mass 15, its centre 1 from the pivot",
     "kg, m, s; z up",
 )
@@ -237,16 +233,14 @@ def _bruls_cardona() -> Made:
 @_named(
     "gravity-gradient-10",
     "the same satellite over ten orbits",
-    10.0,
-    55350.0,
+    (10.0, 55350.0),
     "NASA JEOD, verification case RUN_10A",
     "kg, m, s; space is Earth-centred inertial",
 )
 @_named(
     "gravity-gradient",
     "satellite in the Earth's gravity gradient, on a nearly circular orbit",
-    10.0,
-    28800.0,
+    (10.0, 28800.0),
     "NASA JEOD, verification case RUN_10A",
     "kg, m, s; space is Earth-centred inertial",
 )
@@ -259,8 +253,7 @@ def _gravity_gradient() -> Made:
 @_named(
     "pulsed-body",
     "large body with a full inertia tensor, pushed for 1000 s",
-    10.0,  # both switches are at the end of a step
-    28800.0,
+    (10.0, 28800.0),
     "NASA JEOD, verification case RUN_9B",
     "kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
 )
@@ -268,6 +261,7 @@ def _pulsed_body() -> Made:
     tensor = np.array([[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]])
     body, axes = RigidBody.from_tensor(tensor)
     to_principal = np.asarray(axes, np.float64).T
+    # Both switches are at the end of a step.
     torque = Prescribed(Pulse(jnp.asarray(to_principal @ [10.0, 0.0, 0.0]), 1000.0, 2000.0))
     momentum = to_principal @ tensor @ [0.0, -0.001134454274550824, 0.0]
     return body, torque, RigidState(momentum, so3.from_matrix(axes)), axes
@@ -276,8 +270,7 @@ def _pulsed_body() -> Made:
 @_named(
     "thrown-brick",
     "a brick in a parabola that turns over again and again about its middle axis",
-    0.005,
-    2.0,
+    (0.005, 2.0),
     "the brick of NASA NESC's check-case 2; the throw is chosen here, not published",
     "slug, ft, s; z up",
 )
@@ -291,8 +284,7 @@ def _thrown_brick() -> Made:
 @_named(
     "dropped-brick",
     "the tumbling brick dropped from 30000 ft over the turning Earth, east of the plumb line",
-    0.05,
-    30.0,
+    (0.05, 30.0),
     f"{_NESC}; J2 of WGS-84",
     "slug, ft, s; space is North-East-Down over the equator at time 0, from the Earth's centre, not turning",
 )
@@ -308,8 +300,7 @@ def _dropped_brick() -> Made:
 @_named(
     "boomerang",
     "the lift of its blades turns its axis, and so it flies a circle and comes back",
-    0.001,
-    2.0,
+    (0.001, 2.0),
     "mean over a turn of the lift and drag of its blades (after Hess, Sci. Am. 219 (1968) 124); numbers chosen here",
     "kg, m, s; z up; the throw is along x",
 )
@@ -326,8 +317,7 @@ def _boomerang() -> Made:
 @_named(
     "satellite",
     "orbit and attitude as one system: the Earth's oblateness turns the orbit",
-    10.0,
-    28800.0,
+    (10.0, 28800.0),
     "body and orbit of NASA JEOD's verification case RUN_10A, which has no oblateness; the mass is chosen here, and J2 "
     "is that of JGM-3",
     "kg, m, s; space is Earth-centred inertial",
@@ -342,8 +332,7 @@ def _satellite() -> Made:
 @_named(
     "spherical-pendulum",
     "an axis that hangs: the bob swings between two heights, and the swing turns",
-    0.01,
-    10.0,
+    (0.01, 10.0),
     _HERE,
     "kg, m, s; z up; the axis points from the pivot to the bob",
     "SYMMETRIC[EA]",
@@ -360,8 +349,7 @@ def _spherical_pendulum() -> Made:
 @_named(
     "binary-asteroid",
     "a binary asteroid: its moon swings about the line to it, and both axes wander",
-    60.0,
-    172800.0,
+    (60.0, 172800.0),
     "like (65803) Didymos, from the example of GUBAS (Davis & Scheeres, Icarus 341 (2020) 113439), with a primary that "
     "is no sphere; to the second degree, tilted",
     "kg, m, s; the centre of mass rests at the origin",
@@ -386,8 +374,7 @@ def _binary_asteroid() -> Made:
 @_named(
     "dimer",
     "two waters that hang on each other by a hydrogen bond",
-    0.001,
-    1.0,
+    (0.001, 1.0),
     "the rigid water SPC/E (Berendsen, Grigera & Straatsma, J. Phys. Chem. 91 (1987) 6269); the start is chosen here",
     "amu, nm, ps; energies in kJ/mol",
 )
@@ -401,7 +388,7 @@ def _dimer() -> Made:
     return FreeBody(RigidBody(np.tile(WATER.moments, (2, 1))), [WATER.mass] * 2), Waters(), start
 
 
-@_named("rod", "an elastic rod that flies, bends and twists", 0.01, 10.0, _HERE)
+@_named("rod", "an elastic rod that flies, bends and twists", (0.01, 10.0), _HERE)
 def _rod() -> Made:
     elements, size = 20, 0.5
     where: Any = [0.0, 0.0, 0.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0]
@@ -416,8 +403,7 @@ def _rod() -> Made:
 @_named(
     "drift-test",
     "drift test: between a ring and a well, where methods that are not symplectic drift",
-    0.25,
-    1e4,
+    (0.25, 1e4),
     "Bou-Rabee, Ortolan & Saccon, arXiv 1005.3078",
 )
 def _drift_test() -> Made:
