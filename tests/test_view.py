@@ -353,14 +353,14 @@ def test_a_gif_of_two_shows_both(path, other, tmp_path):
 @pytest.mark.sample(0)
 def test_a_view_of_two_has_a_scene_for_each(path, other):
     go = pytest.importorskip("plotly.graph_objects")
-    shown = ml.plot.view([BRICK, SLIM], {"a": path, "b": other}, axis="e1", frames=7, title="two")
+    shown = ml.plot.view([BRICK, SLIM], {"a": path, "b": other}, axis="e1", frames=13, title="two")
     data, layout, frames = figure_of(shown.html)
     go.Figure(data=data, layout=layout)  # raises for what plotly does not know
     assert {trace["scene"] for trace in data} == {"scene", "scene2"}
     assert [layout[name]["domain"]["x"] for name in ("scene", "scene2")] == [[0, 0.5], [0.5, 1]]
     assert [note["text"] for note in layout["annotations"]] == ["<b>a</b>", "<b>b</b><br>from t = 0 to 6"]
     bodies = [place for place, trace in enumerate(data) if trace["name"] == "body"]
-    times = [2 * jnp.arange(7.0), jnp.minimum(2 * jnp.arange(7.0), 6.0)]
+    times = [jnp.arange(13.0), jnp.minimum(jnp.arange(13.0), 6.0)]
     exact = [ml.free_motion(moving, START, t) for moving, t in zip((BRICK, SLIM), times, strict=True)]
     for k, frame in enumerate(frames):
         moved = dict(zip(frame["traces"], frame["data"], strict=True))
