@@ -121,8 +121,8 @@ def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None
     """The rates in the CSV file with a header, and the magnetometer and the star tracker in its rows, if requested.
 
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Times
-    are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first. The
-    options are those of `midlie fit`.
+    are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first.
+    `options` belongs to `midlie fit`.
 
     Raises:
         ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
