@@ -12,8 +12,7 @@ from .style import BLUE, SKY, new_figure, time_text
 
 _DPI = 80
 _TEXT = 9  # font size, points
-_LINE, _LETTER = 14, 5.6  # height of a line of text, and mean width of a letter, pixels
-_CLOCK = 14  # letters of a clock and of the gap next to it
+_LINE = 14  # height of a line of text, pixels
 _STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
@@ -151,18 +150,15 @@ class _Movie:
             self.drawings.append(Drawing(self.figure, place, scene, view, text, line))
             heading = name or (title if len(shown) == 1 else "")
             self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
-            self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(scene.remarks), **note)
+            # Above the line of the clock.
+            self.figure.text((x + edge) / width, (y + edge + _LINE) / height, "\n".join(scene.remarks), **note)
             named = [(n, c) for n, c in zip(scene.names, scene.colours, strict=False) if n and scene.few]
             for row, (word, colour) in enumerate(named, start=1 if heading else 0):
                 top = (y + pixels - edge - row * _LINE) / height
                 self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
-        # The clock is next to the remarks of the last picture, or above them if there is no room.
-        remarks = shown[-1].remarks
-        beside = max((len(one) for one in remarks), default=0) + _CLOCK <= (pixels - 2 * edge) / _LETTER
-        above = 0 if beside else len(remarks) * _LINE
-        self.clock = self.figure.text(1 - edge / width, (edge + above) / height, "", ha="right", **note)
+        self.clock = self.figure.text(1 - edge / width, edge / height, "", ha="right", **note)
 
     def frame(self, k: int) -> Any:
         """Frame k as an RGB image of Pillow."""

@@ -13,7 +13,7 @@ from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
 from ..model.states import Coupled, OrientedState, TravellingState
-from .motion import Motion, motion_of, path_of_one
+from .motion import motion_of, path_of_one
 from .style import BLUE, FEW, GREY, colours_of, is_3d, name_in_legend, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
@@ -206,7 +206,8 @@ def polhode(
             "state.with_attitude(), with the moments of the body."
         )
     body, moments = _turning(body)
-    momenta = _in_principal_frame(body, motion)
+    own = motion.states.momentum
+    momenta = np.asarray(body.to_principal(own) if isinstance(body, TensorBody) else own, float)
     energies = np.sum(momenta**2 / moments, axis=1) / 2
     if not energies[0] > 0:
         raise ValueError("path must start with a momentum that is not zero, got a body at rest; it has no ellipsoid.")
@@ -231,11 +232,6 @@ def _turning(body: Any) -> tuple[RigidBody | TensorBody, np.ndarray]:
     if moments.shape != (3,):
         raise ValueError(f"body must be one body with moments (3,), got {moments.shape}. Take the row of the body.")
     return turning, moments
-
-
-def _in_principal_frame(body: RigidBody | TensorBody, motion: Motion) -> np.ndarray:
-    momenta = body.to_principal(motion.states.momentum) if isinstance(body, TensorBody) else motion.states.momentum
-    return np.asarray(momenta, float)
 
 
 def _on_ellipsoid(

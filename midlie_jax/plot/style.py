@@ -16,7 +16,6 @@ GREY = "#8a8a8a"  # for everything except the subject
 _SEVERAL = (BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE)
 FEW = len(_SEVERAL)  # number of bodies whose colours can be distinguished
 SIZE = 8.5  # font size of names in a panel, points
-_WIDEST_LEGEND = 0.4  # the largest share of 3-D axes for a legend; a wider one has one word per line
 
 
 def new_figure(width: float, height: float) -> Any:
@@ -72,10 +71,4 @@ def remark(axes: Any, text: str) -> None:
 def name_in_legend(axes: Any) -> None:
     """Shows the labels of all lines on the axes in a legend."""
     style = {"fontsize": SIZE, "labelcolor": ink(axes), "markerscale": 2.0, "framealpha": 0.7, "edgecolor": "none"}
-    if not is_3d(axes):
-        axes.legend(loc="best", **style)
-        return
-    legend = axes.legend(loc="upper left", **style)
-    if legend.get_window_extent().width > _WIDEST_LEGEND * axes.bbox.width:  # it would cover the axis that points up
-        for text in axes.legend(loc="upper left", handlelength=1.0, **style).get_texts():
-            text.set_text("\n".join(text.get_text().split()))
+    axes.legend(loc="upper left" if is_3d(axes) else "best", **style)
