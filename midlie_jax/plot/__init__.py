@@ -5,7 +5,7 @@
 Modules: on the user's axes `bands` (quantiles of an ensemble), `curves` (`axis_path`, `polhode` and `track`),
 `conservation` (`conserved`) and `poincare`; files `animate` (GIF, by `drawing`) and `view` (HTML), both from scenes in
 `model`. Lower modules: `motion` (the trustworthy part of a path), `solids` (shapes of bodies), `artists` (for 3-D
-axes), `labels` (names of lines) and `style`. `cli` also uses the lower modules.
+axes) and `style`. `cli` also uses the lower modules.
 """
 
 from .animate import animate as animate
