@@ -53,7 +53,7 @@ def nothing_is_compiled(monkeypatch):
 
 def numbers(out, name):
     """The estimates with this name."""
-    return [float(x) for x in re.findall(rf"^{name}(?:\[\d\])? +(\S+)", out, re.M)]
+    return [float(x) for x in re.findall(rf"^{name}(?:\[\d\])? +(-?[\d.]\S*)", out, re.M)]
 
 
 def interval(out):
@@ -76,7 +76,6 @@ def test_the_moments_and_rates_of_a_file_are_found_and_drawn(tmp_path):
     np.testing.assert_allclose(moments, MOMENTS * moments.sum() / MOMENTS.sum(), atol=1e-8)
     assert abs(float(re.search(r"moments\[0\] / moments\[2\] +(\S+)", out)[1]) - 0.25) < 1e-8
     assert picture.read_bytes().startswith(b"\x89PNG")
-    rates[3, 1] = 0.0
     file = save(tmp_path / "ms.csv", "t,p,q,r", [200 * times, *rates.T], form="{:.8g}")
     code, out, err = midlie("fit", file, "--unit", "deg/s", "--moments", *MOMENTS)
     assert code == 2
