@@ -50,7 +50,7 @@ EXPLAINED = {
         *("observe.angular_velocity", "observe.spatial_", "Path"),
     ],
     "choosing-a-method.md": [
-        *("method", "recommend", "check", "advice.", "integrate_variable_step", "VariableStepPath"),
+        *("method", "recommend", "check", "advice.", "integrate_variable_step"),
         "densities.",
     ],
     "gradients.md": ["Checkpointed", "Reversible", "Forward"],

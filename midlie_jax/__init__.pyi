@@ -20,7 +20,6 @@ from .drivers.export import register_for_export as register_for_export
 from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import integrate as integrate
 from .drivers.path import Path as Path
-from .drivers.path import VariableStepPath as VariableStepPath
 from .drivers.results import RESULTS as RESULTS
 from .drivers.stepper import Carry as Carry
 from .drivers.stepper import Stepper as Stepper

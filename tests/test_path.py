@@ -20,10 +20,10 @@ BODY = ml.RigidBody([1.0, 2.0, 2.5])
 START = ml.RigidState([0.3, 1.0, -0.2], [1.0, 0.0, 0.0, 0.0])
 
 
-@pytest.fixture(scope="module", params=["Path", "VariableStepPath"])
+@pytest.fixture(scope="module", params=["constant steps", "variable steps"])
 def path(request):
     run = {"dt": 0.1, "steps": 4}
-    if request.param == "Path":
+    if request.param == "constant steps":
         return ml.integrate("JACOBI[EA]", BODY, None, START, **run)
     return ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=_density, **run)
 
@@ -32,7 +32,7 @@ def _density(t, state):
     return 1 + state.momentum[2] ** 2
 
 
-GENERIC = [ml.Path, ml.VariableStepPath, ml.simulation.Simulation, ml.plot.Crossings]
+GENERIC = [ml.Path, ml.simulation.Simulation, ml.plot.Crossings]
 
 
 @pytest.mark.parametrize("kind", GENERIC)
@@ -79,7 +79,7 @@ def test_a_path_goes_through_transformations(path):
     np.testing.assert_array_equal(slope.momentum, jnp.ones_like(path.states.momentum))
 
 
-def _total(path: ml.Path[ml.RigidState] | ml.VariableStepPath[ml.RigidState]) -> jax.Array:
+def _total(path: ml.Path[ml.RigidState]) -> jax.Array:
     return jnp.sum(path.states.momentum)
 
 

@@ -268,9 +268,7 @@ def test_repeated_times_are_drawn_once(flat, free):
     """As those at the end of `integrate_variable_step` are."""
     index = jnp.array([0, 1, 2, 3, 4, 4, 4])
     states = jax.tree.map(lambda x: x[index], free.states)
-    path = ml.VariableStepPath(
-        free.times[index], states, jnp.asarray(True), jnp.asarray(7), None, free.times[index], jnp.asarray(4)
-    )
+    path = ml.Path(free.times[index], states, jnp.asarray(True), jnp.asarray(7))
     found = motion_of(path)
     assert (len(found.times), found.failed) == (5, "")
     assert motion_of(path._replace(ok=jnp.asarray(False), first_bad=jnp.asarray(5))).failed == "FAILED after t = 0.2"

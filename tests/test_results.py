@@ -341,7 +341,7 @@ def test_a_path_prints_in_two_lines():
     assert traced == ["RESULTS<traced>"]
     density = ml.densities.Spin(body.moments, reference=50.0, floor=1.0)
     adaptive = ml.integrate_variable_step("JACOBI[EA]", body, TOP, FAST, density=density, **run)
-    assert repr(adaptive).startswith("VariableStepPath: 41 saved states at times 0 to 0.0")
+    assert repr(adaptive).startswith("Path: 41 saved states at times 0 to 0.0")
     texts = []
     jax.make_jaxpr(lambda s: texts.append(repr(ml.integrate("JACOBI[EA]", body, TOP, s, **run))) or s.momentum)(FAST)
     assert "times=f64[41]" in texts[0]

@@ -44,7 +44,7 @@ def states_of_runs(
     assert_type(ml.free_motion(body, momentum, [0.0, 1.0]), ml.Path[ml.MomentumState])
     assert_type(ml.fitting.states_at("JACOBI[EA]", body, None, rigid, [0.0], dt=0.1).states, ml.RigidState)
     adaptive = ml.integrate_variable_step("JACOBI[EA]", body, None, rigid, density=_density, dt=0.1, steps=2)
-    assert_type(adaptive, ml.VariableStepPath[ml.RigidState])
+    assert_type(adaptive, ml.Path[ml.RigidState])
     run = ml.simulate("JACOBI[EA]", body, None, compensated, out=Path("run.npz"), dt=0.1, steps=2)
     assert_type(run.states(), ml.CompensatedState)
 

@@ -17,14 +17,14 @@ from ..model.compatibility import check_body, check_state, check_torque
 from ..model.observables import axes_of_bodies
 from ..model.state import AnyState, State
 from ..model.torques import TorqueLike, on_body, potential_of
-from .path import AnyPath
+from .path import Path
 from .rows import AUTO, torque_rows
 
 
 def energy(
     body: Body,
     torque: TorqueLike | None,
-    motion: AnyState | AnyPath[AnyState],
+    motion: AnyState | Path[AnyState],
     t: float | Array | None = None,
     *,
     torque_axes: Any = "auto",
@@ -35,8 +35,8 @@ def energy(
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
         torque: as for `integrate` or `ensemble`: None, or a torque with a potential, whose arrays may have one row per
             body.
-        motion: any state, which may have leading batch axes (except for particles); or a `Path` or `VariableStepPath`
-            of such states, which contains their times. For a run of `simulate` pass its `states()`.
+        motion: any state, which may have leading batch axes (except for particles); or a `Path` of such states, which
+            contains their times. For a run of `simulate` pass its `states()`.
         t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
         torque_axes: which arrays of the torque have one row per body, as for `ensemble`. By default no array has rows
             if there is one body and the torque fits it without change; otherwise the rule of `ensemble` applies.

@@ -15,11 +15,11 @@ from ..model.free_body import Momenta, Place
 from ..model.kind import Kind
 from ..model.states.compensated import CompensatedPose
 from ..model.wrench import Wrench
-from .path import Path, VariableStepPath
+from .path import Path
 from .results import RESULTS
 
 _PLAIN = bool | int | float | str | None
-_TUPLES = Progress, Momenta, Place, CompensatedPose, Path, VariableStepPath
+_TUPLES = Progress, Momenta, Place, CompensatedPose, Path
 _RESULT: Any = type(RESULTS.successful)
 _registered: set[type] = set()
 

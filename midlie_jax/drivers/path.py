@@ -1,4 +1,4 @@
-"""`Path` and `VariableStepPath`: the results of the drivers, typed by the class of the states."""
+"""`Path`: the result of the drivers, typed by the class of the states."""
 
 from typing import Any, NamedTuple, TypeVar
 
@@ -16,8 +16,7 @@ from ..model.state import AnyState
 from . import tables
 from .results import reasons
 
-S = TypeVar("S")  # the class of a path's states
-States = TypeVar("States", covariant=True)  # the same: a path of CompensatedStates is one of RigidStates
+States = TypeVar("States", covariant=True)  # a path of CompensatedStates is one of RigidStates
 P = TypeVar("P", bound=Any)  # a path
 _WIDTH = 120  # of a line of text
 
@@ -31,7 +30,9 @@ class Path(NamedTuple, TypedBy[States]):
             the observed values.
         ok: (), False if a solve failed, a number was not finite, the body is impossible, or the run gained too much
             energy. Energy is checked in runs of at least 128 steps of translating bodies, coupled bodies or particles:
-            the gain must not exceed what the potential can give.
+            the gain must not exceed what the potential can give. With variable steps also False if rho or the density
+            was not positive, the two differed by more than a factor of 2 (the density jumped, or the steps are too
+            large to follow it), or t1 was not reached.
         first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
             number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
             trusted. The first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`. With
@@ -39,8 +40,11 @@ class Path(NamedTuple, TypedBy[States]):
             end of the run, and then `first_bad` is 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
             sentence with the remedy. None in a path that no driver made.
-        carry: the final `midlie_jax.Carry`, with which `integrate`, `ensemble` and a `midlie_jax.stepper` continue as
-            if the run had not been divided.
+        carry: the final `midlie_jax.Carry`, with which the same driver, `ensemble` and a `midlie_jax.stepper` continue
+            as if the run had not been divided.
+        rho: with variable steps, (n,), near the density at these times: the next step is about dt / rho. To continue or
+            reverse a run from a saved state, pass its entry as `rho`.
+        taken: with variable steps, the number of steps taken, (); fewer than `steps` if the run reached t1 or failed.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -58,59 +62,14 @@ class Path(NamedTuple, TypedBy[States]):
     first_bad: Int[Array, "*batch"]
     result: Any = None
     carry: Any = None
+    rho: Any = None
+    taken: Any = None
 
     to_csv = tables.to_csv
     to_xarray = tables.to_xarray
 
     def __repr__(self) -> str:
         return _brief(self)
-
-
-class VariableStepPath(NamedTuple, TypedBy[States]):
-    """A motion at the saved times, with variable steps; in annotations `VariableStepPath[RigidState]`.
-
-    Attributes:
-        times: (n,), beginning with the initial time; n = 1 + steps / save_every.
-        states: the states at these times, of the class of the initial state, with a leading axis (n,); with `observe`,
-            the observed values.
-        ok: (), False if a solve failed, a number was not finite, rho or the density was not positive, the two differed
-            by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1 was not
-            reached.
-        first_bad: (), the index in `times` of the first saved state that cannot be trusted, as in `Path`; n if there is
-            none, even if t1 was not reached.
-        result: (), why the run failed, as in `Path`.
-        rho: (n,), near the density at these times: the next step is about dt / rho. To continue or reverse a run from a
-            saved state, pass its entry as `rho`.
-        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed earlier.
-        carry: the final `midlie_jax.Carry`, from which `integrate_variable_step` continues as if the run had not been
-            divided.
-
-    Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
-        >>> path = ml.integrate_variable_step("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
-        >>> path.rho.shape, int(path.taken)  # steps of about 0.01 / rho
-        ((101,), 100)
-    """
-
-    times: Float[Array, "*n"]
-    states: States
-    ok: Bool[Array, "*batch"]
-    first_bad: Int[Array, "*batch"]
-    result: Any
-    rho: Float[Array, "*n"]
-    taken: Int[Array, "*batch"]
-    carry: Any = None
-
-    to_csv = tables.to_csv
-    to_xarray = tables.to_xarray
-
-    def __repr__(self) -> str:
-        return _brief(self)
-
-
-AnyPath = Path[S] | VariableStepPath[S]
 
 
 def _brief(path: Any) -> str:

@@ -54,7 +54,7 @@ from .bad_start import finite_start, nan_unless
 from .gain import with_gain_judged
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
-from .path import VariableStepPath, end_alone, first_bad
+from .path import Path, end_alone, first_bad
 from .results import result_of
 from .stepper import Carry, check_carried
 
@@ -89,7 +89,7 @@ def integrate_variable_step(
     t1: float | Array | None = ...,
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
-) -> VariableStepPath[StateT]: ...
+) -> Path[StateT]: ...
 @overload
 def integrate_variable_step(
     method: Method | str,
@@ -106,7 +106,7 @@ def integrate_variable_step(
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
     observe: Any = ...,
-) -> VariableStepPath[Any]: ...
+) -> Path[Any]: ...
 def integrate_variable_step(
     method: Method | str,
     body: Body,
@@ -122,7 +122,7 @@ def integrate_variable_step(
     rho: float | Array | None = None,
     adjoint: Adjoint | None = None,
     observe: Any = None,
-) -> VariableStepPath[StateT]:
+) -> Path[StateT]:
     """Integrates one body reversibly with steps of about dt / density; supports `jax.vmap` over any argument.
 
     Without `t1` the run takes `steps` steps. The bodies of a batch end at different times, and no step is wasted. With
@@ -141,8 +141,8 @@ def integrate_variable_step(
     Args:
         method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
         body, torque, t0, observe: as for `midlie_jax.integrate`.
-        start: the initial state. Or the `carry` of a `VariableStepPath`, without `t0` and `rho`; method, body, torque,
-            density and dt must then be the same as for that path.
+        start: the initial state. Or the `carry` of a path with variable steps, without `t0` and `rho`; method, body,
+            torque, density and dt must then be the same as for that path.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
             function object to reuse the compiled program.
         dt: step length where the density is 1, (), may be negative.
@@ -169,8 +169,8 @@ def integrate_variable_step(
         >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
         >>> path = ml.integrate_variable_step("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
-        >>> path.times.shape, bool(path.ok)
-        ((101,), True)
+        >>> path.times.shape, path.rho.shape, int(path.taken), bool(path.ok)  # steps of about 0.01 / rho
+        ((101,), (101,), 100, True)
     """
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps)
@@ -223,7 +223,7 @@ def integrate_variable_step(
 
 def _state_of(carried: Carry, t0: Any, rho: Any) -> Any:
     if carried.clock is None:
-        raise ValueError("start must be the carry of a VariableStepPath, got the carry of steps of one length.")
+        raise ValueError("start must be the carry of a run with variable steps, got the carry of steps of one length.")
     if rho is not None or isinstance(t0, Array | np.ndarray) or t0 != 0:
         raise ValueError("t0 and rho must be left out where start is a Carry, which has the time and rho.")
     return carried.like
@@ -253,7 +253,7 @@ def _run(
     all_steps: bool,
     observe: Observe | None,
     begun: tuple[Progress, Any] | None,
-) -> VariableStepPath[Any]:
+) -> Path[Any]:
     arguments = (body, torque, start, density, dt, t0, t1, rho)
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
@@ -315,7 +315,7 @@ def _run(
     bad = first_bad(given, saved[3] & (progress.verdict != UNSTABLE))
     bad = jnp.where(begin[0].ok, bad, jnp.zeros_like(bad))
     carry = Carry(clock.taken, progress, system.kind, clock)
-    path = VariableStepPath(times, states, ok, bad, result, rhos, clock.taken - begin[1].taken, carry)
+    path = Path(times, states, ok, bad, result, carry, rhos, clock.taken - begin[1].taken)
     return path if save_every else end_alone(path)._replace(rho=rhos[-1])
 
 

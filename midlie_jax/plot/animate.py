@@ -54,7 +54,7 @@ def animate(
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`; for several paths
             one body for all, a list with one per path, or the bodies of an ensemble.
-        path: a `Path` or `VariableStepPath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
+        path: a `Path` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_variable_step` or `free_motion`; or a path of coupled bodies.
             Or
             up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._math import components as cp
-from ..drivers.path import AnyPath
+from ..drivers.path import Path
 from ..model import torques
 from ..model.bodies import Body
 from ..model.compatibility import check_body, check_torque
@@ -58,7 +58,7 @@ def conserved(
     axes: Any,
     body: Body,
     torque: TorqueLike | None,
-    path: AnyPath[AnyState],
+    path: Path[AnyState],
     *,
     colour: str | None = None,
     label: str | None = None,
@@ -85,7 +85,7 @@ def conserved(
         axes: matplotlib's axes, which get a legend.
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`.
         torque: as for `integrate`.
-        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
             with any state of one body, or of coupled bodies.
         colour: the colour of all lines (momenta are dashed); by default blue, vermilion and green.
         label: prefix of the names "energy" and "momentum", for example the name of the method.

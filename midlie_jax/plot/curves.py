@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_floats, described, is_unit, shown
-from ..drivers.path import AnyPath
+from ..drivers.path import Path
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
@@ -27,7 +27,7 @@ _TRACK = "midlie_jax.plot.track"  # marks tracks on 3-D axes
 
 def axis_path(
     axes: Any,
-    path: AnyPath[OrientedState],
+    path: Path[OrientedState],
     axis: str | int | ArrayLike = 2,
     *,
     colour: str | None = None,
@@ -43,7 +43,7 @@ def axis_path(
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
-        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
             with states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
             `AxisState` or a `FreeAxisState`; or of coupled bodies.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
@@ -152,7 +152,7 @@ def seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None
 def polhode(
     axes: Any,
     body: RigidBody | TensorBody | FreeBody,
-    path: AnyPath[AnyState],
+    path: Path[AnyState],
     *,
     kind: str = "momentum",
     colour: str | None = None,
@@ -173,7 +173,7 @@ def polhode(
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
         body: the body of the path, a `RigidBody` or a `TensorBody`, or a `FreeBody` of one, whose rotation is drawn.
-        path: a `Path` or `VariableStepPath` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
+        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
             with any state of a rigid body, or a `FreeState`.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
         colour: colour of the path, any of matplotlib's.
@@ -295,9 +295,7 @@ def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
     return found
 
 
-def track(
-    axes: Any, path: AnyPath[TravellingState], *, colour: str | None = None, label: str | None = None
-) -> np.ndarray:
+def track(axes: Any, path: Path[TravellingState], *, colour: str | None = None, label: str | None = None) -> np.ndarray:
     """Draws the path of the centre of mass in space, with one scale in all directions.
 
     On plain axes the path is drawn in the plane xy, xz or yz in which it is longest. If the axes already have labels
@@ -307,7 +305,7 @@ def track(
 
     Args:
         axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
-        path: a `Path` or `VariableStepPath` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
+        path: a `Path` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
             coupled bodies.
         colour: colour of the path, any of matplotlib's.
         label: the name of the path in the legend; by default none. For coupled bodies the number is appended.

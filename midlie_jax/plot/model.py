@@ -1,9 +1,9 @@
 """`Scene`: one panel of a GIF or an HTML view: bodies at evenly spaced times, in a box, about a planet."""
 
+import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from math import ceil
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks.arguments import as_count, as_floats
-from ..drivers.path import AnyPath
+from ..drivers.path import Path
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
@@ -32,7 +32,7 @@ _AT_REST = 0.02  # a smaller path, relative to the body, is not shown
 
 Turns = RigidBody | TensorBody | SymmetricRotor | FreeBody
 Bodies = Turns | Sequence[Turns]
-OnePath = AnyPath[OrientedState]
+OnePath = Path[OrientedState]
 Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
 
@@ -124,9 +124,9 @@ def _each_body(body: Any, count: int) -> list[Any]:
     return [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(count)]
 
 
-def picture_file(file: str | Path, ending: str) -> Path:
+def picture_file(file: str | pathlib.Path, ending: str) -> pathlib.Path:
     """The file to write; raises a ValueError if its name has another ending."""
-    target = Path(file)
+    target = pathlib.Path(file)
     if target.suffix.lower() != ending:
         raise ValueError(
             f"file must end in {ending}, got {str(file)!r}. midlie_jax.plot.animate writes a .gif, view an .html."

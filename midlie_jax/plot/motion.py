@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks.arguments import described
-from ..drivers.path import Path, VariableStepPath
+from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import Body
 from ..model.compatibility import check_body
@@ -74,7 +74,7 @@ def motion_of(path: Any, *, together: bool = False) -> Motion:
         ValueError: the argument is not such a path, or fewer than two of its states can be trusted.
     """
     states: Any = getattr(path, "states", None)
-    if not isinstance(path, Path | VariableStepPath) or not (isinstance(states, State) and states.own_axes):
+    if not isinstance(path, Path) or not (isinstance(states, State) and states.own_axes):
         raise ValueError(
             f"path must be a path of a rigid body with its states, got {described(path)} that holds "
             f"{described(states)}. Integrate without observe=."

@@ -11,7 +11,7 @@ from jax import Array
 
 from .._checks.arguments import described, require_function, shown
 from .._checks.typed_by import TypedBy
-from ..drivers.path import AnyPath, States
+from ..drivers.path import Path, States
 from ..model.state import StateT
 from .motion import Motion, motion_of
 from .style import BLUE, name_in_legend, remark
@@ -51,7 +51,7 @@ class Crossings(NamedTuple, TypedBy[States]):
 
 def poincare(
     axes: Any,
-    path: AnyPath[StateT],
+    path: Path[StateT],
     section: Callable[[Any, StateT], Any],
     x: Callable[[Any, StateT], Any],
     y: Callable[[Any, StateT], Any],
@@ -74,7 +74,7 @@ def poincare(
 
     Args:
         axes: matplotlib's axes; their labels are not set.
-        path: a `Path` or `VariableStepPath` of one body, with at least 4 saved states, from `integrate`,
+        path: a `Path` of one body, with at least 4 saved states, from `integrate`,
             `integrate_variable_step` or `free_motion`, with any state of one body, or of coupled bodies.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.

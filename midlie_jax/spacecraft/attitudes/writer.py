@@ -13,7 +13,7 @@ import numpy as np
 
 from ..._checks.arguments import described, unknown
 from ..._math.euler import as_sequence
-from ...drivers.path import Path, VariableStepPath
+from ...drivers.path import Path
 from ...simulation.saved import saved_path
 from .epochs import Epoch, check_system
 from .forms import numbers_of
@@ -181,7 +181,7 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
             raise ValueError(f"{run} holds its times and its body; leave times and body out.")
         saved = saved_path(run, index)
         run, body = saved.path, saved.body
-    if isinstance(run, (Path, VariableStepPath)):
+    if isinstance(run, Path):
         if times is not None:
             raise ValueError("a path has its times; leave times out.")
         if not bool(np.all(np.asarray(run.ok))):
