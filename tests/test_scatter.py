@@ -263,7 +263,7 @@ WRONG = [
     (lambda: d.Normal([0.0, 0.0], [1.0] * 3), r"mean \(2,\) and deviation \(3,\) do not fit"),
     (lambda: d.Normal([[0.0]], covariance=[[1.0]]), r"mean must be a vector \(d,\).*Joint"),
     (lambda: d.Normal([0.0, 0.0], covariance=[1.0, 2.0]), r"covariance must have shape \(2, 2\)"),
-    (lambda: normal([[1.0, 0.5], [0.0, 1.0]]), r"must be symmetric.*pass \(C \+ C.T\) / 2"),
+    (lambda: normal([[1.0, 0.5], [0.0, 1.0]]), r"pass \(C \+ C.T\) / 2"),
     (lambda: normal([[1.0, 2.0], [2.0, 1.0]]), r"covariance\[0, 1\] .* a correlation of 2;"),
     (lambda: normal(STRONG), r"covariance\[0, 1\] .* a correlation of 3.2;"),
     (lambda: normal(TINY), "must be symmetric"),
