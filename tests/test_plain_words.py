@@ -26,7 +26,7 @@ MOST = {  # package, docs and README
     "that of": (3, 0),
     "those of": (9, 0),
     "fronted Of": (1, 0),
-    "decimal without zero": (2, 0),
+    "decimal without zero": (1, 0),
     "as fast as": (0, 2),
     "asks": (1, 0),
     "knows": (0, 1),

@@ -306,7 +306,7 @@ class Magnus(ReadsBody):
 
 
 class InAir(ReadsBody):
-    """Base class of forces of air or gas on a body whose velocity is known, or that of its state.
+    """Base class of forces of air or gas on a body with a given velocity, or with the velocity of its state.
 
     Attributes:
         velocity: of the body relative to the gas, space frame, (3,), or a function of time; None for the state's.
