@@ -36,6 +36,11 @@ def is_explained(measurement, residuals):
     return bool(explained(remainders_of([measurement], jnp.asarray(seen.reshape(-1)), {})))
 
 
+def test_every_kind_of_measurement_is_tested():
+    kinds = {name for name, cls in vars(fitting).items() if isinstance(cls, type)}
+    assert {n for n in kinds if issubclass(getattr(fitting, n), fitting.Measurement)} - {"Measurement"} == set(KINDS)
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_model_leaves_of_the_signal_is_a_misfit(kind):

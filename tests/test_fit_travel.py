@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import quick, turn
+from cases import quick, torque_classes, turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -138,6 +138,15 @@ def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
     wanted = frame.inv().apply(np.asarray(acting.force) / MASS - gravity)
     wanted = wanted + np.cross(change, lever) + np.cross(rates, np.cross(rates, lever))
     np.testing.assert_allclose(found, wanted, rtol=0, atol=2e-9)
+
+
+def test_every_field_of_gravity_is_among_those_of_the_test():
+    """All that declare themselves as gravity; coupled bodies have no accelerometers."""
+    declared = {
+        name for name, cls in torque_classes().items() if cls.gravitational is not ml.torques.Torque.gravitational
+    }
+    tested = {type(term).__name__ for torque, _ in FIELDS.values() for term in ml.torques.terms_of(torque)}
+    assert declared - tested == {"Sum", "OnEach", "MutualGravity"}
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

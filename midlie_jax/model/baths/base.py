@@ -104,7 +104,8 @@ class BathOfBodies(HeatBath):
         if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
             kind = type(state).__name__
             raise ValueError(f"{name} acts on rigid bodies and rotors, not on a {kind}; leave out {name}.")
-        check_travel(name, self.numbers[1], getattr(self, self.numbers[1]), state)
+        if self.numbers:
+            check_travel(name, self.numbers[1], getattr(self, self.numbers[1]), state)
         if isinstance(body.turning, SymmetricRotor):
             body.turning.known_along  # noqa: B018 - raises if it is unknown
 
