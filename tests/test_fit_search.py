@@ -120,6 +120,7 @@ def two_nights(sigma, length, count):
     return fitting.Observed(t, seen, sigma, wave)
 
 
+@pytest.mark.sample(0)
 def test_a_wrong_minimum_that_looks_like_noise_is_doubted():
     """Its rms is not too large for sigmas known to 10 %, and outliers hide that its residuals are correlated."""
     seen, guess = two_nights(0.16, 4.0, 200), {**FIRST, "phase": fitting.Periodic(-0.02)}
@@ -136,6 +137,7 @@ def test_a_wrong_minimum_that_looks_like_noise_is_doubted():
     assert not right.doubts
 
 
+@pytest.mark.sample(0)
 def test_minima_that_chance_may_exchange_are_named():
     """Within five sigma, but no copies: the wave of negative height is one of half a period."""
     guess = {**FIRST, "height": fitting.Free(0.9)}
@@ -150,6 +152,7 @@ def test_minima_that_chance_may_exchange_are_named():
     assert doubt.endswith(f"less than 5 sigma worse: {', '.join(near[:5])}")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_a_robust_loss_is_the_one_of_scipy(loss):
     """SciPy's losses count 1/2 rho(f^2), with f in units of the scale; the minimum is the same."""
@@ -181,6 +184,7 @@ def test_losses_have_their_inverse_and_derivative(loss):
     assert jnp.mean(loss.judged(normal) ** 2) == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("loss", [None, "huber"])
 def test_zero_points_that_are_eliminated_are_those_of_a_joint_fit(loss):
     """They have the same estimates, deviations and degrees of freedom as if they were unknowns of the search."""
@@ -207,6 +211,7 @@ def test_zero_points_that_are_eliminated_are_those_of_a_joint_fit(loss):
     assert short.dof == long.dof
 
 
+@pytest.mark.sample(0)
 def test_the_closed_form_fits_as_the_steps_do():
     """Also with times before the initial state, which steps do not reach."""
     t = np.arange(-5.0, 6.0)

@@ -211,6 +211,7 @@ def nitrogen(count=64, edge=2.2, seed=0):
     return body, ml.molecules.PairForces(points, box=edge, cutoff=0.9, sigmas=[0.331] * 2, epsilons=[0.299] * 2), start
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours(dtype):
     """Also if other states are saved, and in float32 to its rounding."""

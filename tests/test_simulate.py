@@ -86,7 +86,7 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
         assert (str(file["method"]), int(file["steps"])) == ("SYMMETRIC[EA]", STEPS)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("suffix", "method"), [("zarr", "SYMMETRIC[EA]"), ("npz", "JACOBI[SRKN6b]"), ("npz", "RK4")])
 def test_a_run_continued_from_a_carry_has_the_same_bits(tmp_path, suffix, method):
     """In `simulate` and `ensemble`, and after a complete run has been opened again; times and indices go on."""

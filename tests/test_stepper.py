@@ -76,7 +76,7 @@ def test_every_loop_over_steps_gives_what_integrate_gives(method, way):
     np.testing.assert_allclose(one.time(end), STEPS * DT)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("way", ["scan", "advance", "while", "two parts", "reversible"])
 def test_derivatives_are_those_of_integrate(way):
     def height(weight, run):
