@@ -35,7 +35,23 @@ from .shared_inputs import Rows, SharedInputs
 from .stepper import Carry, OneStep, carried_on, check_carried
 
 
-@overload  # without `observe` the type of the states is known
+@overload  # the return type follows `observe`
+def integrate(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: AnyState | Carry,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    adjoint: Adjoint | None = ...,
+    bath: HeatBath | None = ...,
+    observe: Any,
+) -> Path[Any]: ...
+@overload
 def integrate(
     method: Method | str,
     body: Body,
@@ -55,7 +71,7 @@ def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState | Carry,
+    start: Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -64,7 +80,6 @@ def integrate(
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
     bath: HeatBath | None = ...,
-    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate(
     method: Method | str,

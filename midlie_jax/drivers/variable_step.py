@@ -74,7 +74,24 @@ class _Clock(NamedTuple):
     taken: Array  # steps taken
 
 
-@overload  # without `observe` the type of the states is known
+@overload  # the return type follows `observe`
+def integrate_variable_step(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: AnyState | Carry,
+    *,
+    density: DensityLike,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    t1: float | Array | None = ...,
+    rho: float | Array | None = ...,
+    adjoint: Adjoint | None = ...,
+    observe: Any,
+) -> Path[Any]: ...
+@overload
 def integrate_variable_step(
     method: Method | str,
     body: Body,
@@ -95,7 +112,7 @@ def integrate_variable_step(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState | Carry,
+    start: Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -105,7 +122,6 @@ def integrate_variable_step(
     t1: float | Array | None = ...,
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
-    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate_variable_step(
     method: Method | str,

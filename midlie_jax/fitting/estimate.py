@@ -219,7 +219,7 @@ def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) ->
     together = _linked(null) | _linked(changes)
     inside = np.flatnonzero(np.diagonal(together))
     count, group = connected_components(together[np.ix_(inside, inside)], directed=False)
-    return [[names[i] for i in inside[group == k].tolist()] for k in range(count)]
+    return [[str(names[i]) for i in inside[group == k].tolist()] for k in range(count)]
 
 
 def _linked(vectors: np.ndarray) -> np.ndarray:
