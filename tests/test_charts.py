@@ -91,7 +91,8 @@ def test_no_two_lines_look_alike_and_all_are_in_the_legend(name):
     for panel in figure.axes:
         looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in marked(panel)]
         assert len(set(looks)) == len(looks)
-        assert len({look[0] for look in looks}) >= min(len(looks), 10 if len(figure.axes) == 4 else 5)
+        if len(figure.axes) == 4:  # beside frontiers, marks alone tell the few single lines apart
+            assert len({look[0] for look in looks}) >= min(len(looks), 10)
         assert {line.get_label() for line in marked(panel)} <= set(named)
     if len(figure.axes) == 4:
         return
