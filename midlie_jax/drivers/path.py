@@ -40,8 +40,8 @@ class Path(NamedTuple, TypedBy[States]):
             end of the run, and then `first_bad` is 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
             sentence with the remedy. None in a path that no driver made.
-        carry: the final `midlie_jax.Carry`, with which the same driver, `ensemble` and a `midlie_jax.stepper` continue
-            as if the run had not been divided.
+        carry: the final `midlie_jax.Carry`, with which `integrate`, `ensemble` and a `midlie_jax.stepper` continue as
+            if the run had not been divided; with variable steps, `integrate_variable_step`.
         rho: with variable steps, (n,), near the density at these times: the next step is about dt / rho. To continue or
             reverse a run from a saved state, pass its entry as `rho`.
         taken: with variable steps, the number of steps taken, (); fewer than `steps` if the run reached t1 or failed.

@@ -189,7 +189,7 @@ def write_page(
     chaos: str,
     picture: str | None,
 ) -> None:
-    """Writes what was measured into docs/reports/claims.md, or a page of its own, and the data files beside it.
+    """Writes what was measured into docs/reports/claims.md, or another page, and the data files beside it.
 
     Args:
         file: the page.

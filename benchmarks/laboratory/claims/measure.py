@@ -91,7 +91,7 @@ def work(method: Method) -> Work:
 def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
     """The marks outside and inside of solves, which are `custom_root` calls; a mark in a loop counts for each turn.
 
-    In jax 0.10 such a call is a function with a derivative of its own; in 0.12 it is a primitive that keeps its
+    In jax 0.10 such a call is a function with a custom derivative; in 0.12 it is a primitive that keeps its
     parts in `_prim`.
     """
     outside = inside = 0
@@ -104,7 +104,7 @@ def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
             body = getattr(value, "jaxpr", value)
             if not hasattr(body, "eqns"):
                 continue
-            # The mark is a function with a derivative of its own, as a solve is, but does nothing else.
+            # The mark is a function with a custom derivative, like a solve, but does nothing else.
             own = name == "custom_jvp_call" and [e.primitive.name for e in body.eqns] != [_MARK]
             within = solving or own or root is not None
             found = _marks(body, within)

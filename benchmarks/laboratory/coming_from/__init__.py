@@ -1,6 +1,6 @@
 """The pages docs/coming-from/*.md: each shows the same run in another program and in this one, and this proves it.
 
-Both programs are read from the page and run as they stand there, each in a process of its own.
+Both programs are read from the page and run as they stand there, each in a separate process.
 """
 
 from . import bodies as bodies

@@ -45,7 +45,7 @@ attitude = state.attitude
 
 
 def _mujoco() -> Iterator[Row]:
-    # The other programs go on from those of the page, whose run they do not need.
+    # The other programs continue those of the page, whose run they do not need.
     left, right = (parts(code)[0] for code in columns("mujoco"))
     yield from _alone()
     yield from _together(left, right)
@@ -126,7 +126,7 @@ sites = jax.jit(ml.molecules.sites)(path.states, places)
 
 
 def programs() -> list[tuple[str, str]]:
-    """The left and the right program of each table; the right one of LAMMPS goes on from that of jax-md."""
+    """The left and the right program of each table; the right one of LAMMPS continues that of jax-md."""
     left, right = columns("molecular-dynamics")
     lammps, later = tables("molecular-dynamics")[1]
     return [(left, right), (lammps, parts(right)[0] + later)]
@@ -138,7 +138,7 @@ def _molecules() -> Iterator[Row]:
     for program, (left, right) in zip(_PROGRAMS, pairs, strict=True):
         theirs, ours = run(left, _SITES), run(right, _SITES, 7)
         agree("molecular-dynamics", theirs, ours)
-        # Repeated runs of LAMMPS go on from where it is; so they are timed apart.
+        # Repeated runs of LAMMPS continue from the last one, so they are timed separately.
         yield row(f"the run above: {program}", run(left, _SITES, 7).later, ours.later)
         yield row(f"its first call, with compiling: {program}", theirs.first, ours.first)
         yield errors(f"its error: {program}", (theirs, ours), exact, "sites")

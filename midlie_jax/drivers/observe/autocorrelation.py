@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, described
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import Series
+from .series import SeriesOfArrays
 from .spread import Sums, mean_and_error, sums_of
 
 _PIECE = 64  # times that are combined with all lags at once
@@ -61,7 +61,7 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Products(Series):
+class Products(SeriesOfArrays):
     """Sums of x(t) x(t + lag) of each body.
 
     Attributes:

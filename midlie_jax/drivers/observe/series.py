@@ -20,37 +20,25 @@ class Series(Statistic):
 
     fields: ClassVar[tuple[str, ...]]  # the names of the results of `of_sums`, beginning with its rows
 
-    def _begun(self, bodies: int, x: Any) -> Any:
-        """The initial carry of these bodies for one observed array, a NamedTuple with `counted`."""
-        raise NotImplementedError
-
-    def _taken(self, before: Any, x: Array, good: Array) -> Any:
-        """The carry after the values (bodies, k, m) of one observed array at the next k times."""
-        raise NotImplementedError
-
-    def _sums(self, carried: Any, counted: Array) -> Sums:
-        """`Sums` of these bodies for one observed array."""
-        raise NotImplementedError
-
+    @abstractmethod
     def begun(self, bodies: int, values: Any) -> Any:
         """The initial carry of these bodies, a pytree of arrays (bodies, ...).
 
         Args:
             values: the observed values of one body at one time, a pytree of arrays or of their shapes and dtypes.
         """
-        return jax.tree.map(lambda x: self._begun(bodies, x), values)
 
+    @abstractmethod
     def taken(self, carried: Any, values: Any, good: Array) -> Any:
         """The carry after the values (bodies, k, ...) at the next k times.
 
         Args:
             good: (bodies, k), whether the value counts; after one that does not, no value of the body counts.
         """
-        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
 
+    @abstractmethod
     def sums(self, carried: Any, counted: Array) -> Any:
         """`Sums` of these bodies for each observed array, from the carry; only bodies that are `counted` count."""
-        return jax.tree.map(lambda one: self._sums(one, counted), carried, is_leaf=lambda x: hasattr(x, "counted"))
 
     @abstractmethod
     def of_sums(self, sums: Sums, interval: Array) -> Any:
@@ -85,3 +73,28 @@ class Series(Statistic):
     def of_bodies(self, values: Any, good: Array, interval: Array) -> Any:
         alone = jax.tree.map(lambda x: x[None], self.part(values, good))
         return self.result(self.merged(alone), interval)
+
+
+class SeriesOfArrays(Series):
+    """A series that treats each observed array alone; its carry is a NamedTuple with the field `counted`."""
+
+    @abstractmethod
+    def _begun(self, bodies: int, x: Any) -> Any:
+        """The initial carry of these bodies for one array."""
+
+    @abstractmethod
+    def _taken(self, before: Any, x: Array, good: Array) -> Any:
+        """The carry after the values (bodies, k, m) at the next k times."""
+
+    @abstractmethod
+    def _sums(self, carried: Any, counted: Array) -> Sums:
+        """`Sums` of these bodies."""
+
+    def begun(self, bodies: int, values: Any) -> Any:
+        return jax.tree.map(lambda x: self._begun(bodies, x), values)
+
+    def taken(self, carried: Any, values: Any, good: Array) -> Any:
+        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
+
+    def sums(self, carried: Any, counted: Array) -> Any:
+        return jax.tree.map(lambda one: self._sums(one, counted), carried, is_leaf=lambda x: hasattr(x, "counted"))

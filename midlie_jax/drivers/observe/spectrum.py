@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, as_finite, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import Series
+from .series import SeriesOfArrays
 from .spread import Sums, mean_and_error, sums_of
 
 
@@ -56,7 +56,7 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Spectrum(Series):
+class Spectrum(SeriesOfArrays):
     """The one-sided power density over frequency: the mean periodogram over bodies and segments.
 
     The integral over frequency is the variance. Returns a `Density` for each array that the observable returns. The
