@@ -110,7 +110,7 @@ figures: .venv/.bench
 test-release: .venv/.test
 	$(PYTEST) tests/test_docs.py tests/test_release.py tests/newcomer.py
 
-LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves run_command bands fit_calls release)
+LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves cli charts fit_calls release)
 test-lowest: .venv-lowest/.lowest
 	.venv-lowest/bin/pytest -n 2 --no-loadscope-reorder $(LOWEST)
 

@@ -157,6 +157,13 @@ def test_files_and_commands_that_are_named_exist(page):
     assert targets <= known, targets - known
 
 
+def test_makefile_names_tests_that_exist():
+    lists = re.findall(r"patsubst %,tests/test_%\.py,((?:[^)\\]|\\\n)+)\)", (ROOT / "Makefile").read_text())
+    assert len(lists) == 2
+    named = set(" ".join(lists).replace("\\", "").split())
+    assert {name for name in named if not (ROOT / f"tests/test_{name}.py").exists()} == set()
+
+
 if __name__ == "__main__":
     outcomes = {}
     for page in RUN:
