@@ -1,10 +1,11 @@
 """Steps inside programs of users: in their own `jax.jit`, `jax.grad` and `lax.scan`, and with a controller in the loop.
 
-    python benchmarks/stepper.py [jit] [gradient] [loops] [craft] [--write]
+    python benchmarks/stepper.py [jit] [gradient] [hessian] [loops] [craft] [--write]
 
 All ratios are of runs that take turns on one core. `XLA_FLAGS` must not be set.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -67,6 +68,25 @@ def gradients() -> Iterator[list[str]]:
 
             both, alone = seconds(partial(jax.jit(jax.value_and_grad(loss)), 20.0), partial(jax.jit(loss), 20.0))
             yield [method, f"{steps} x {count}", f"{1e9 * both / steps / count:.1f}", f"{both / alone:.1f}"]
+
+
+def hessians() -> Iterator[list[str]]:
+    """Second derivatives by the weight and the moments of one top, 100 steps: the time to compile, and of a call."""
+    _, starts = tops("JACOBI[EA]", 1)
+    start = jax.tree.map(lambda x: x[0], starts)
+
+    def loss(method: str, x: Any) -> Any:
+        states = end(method, ml.RigidBody(x[1:]), x[0], start, 100)
+        return jnp.sum(states.momentum**2) + jnp.sum(states.attitude**3)
+
+    at = jnp.array([20.0, 5.0, 4.0, 1.0])
+    for method in ("JACOBI[EA]", "LIEMID[EA]", "RK4"):
+        begin = time.perf_counter()
+        traced = jax.jit(jax.hessian(partial(loss, method))).trace(at)
+        between = time.perf_counter()
+        compiled = traced.lower().compile()
+        first, tracing = time.perf_counter() - begin, between - begin
+        yield [method, f"{first:.0f} s", f"{tracing:.0f} s", f"{1e3 * seconds(partial(compiled, at))[0]:.2f} ms"]
 
 
 def loops() -> Iterator[list[str]]:
@@ -212,10 +232,12 @@ def craft() -> Iterator[list[str]]:
 PAGE = "reports/speed.md"
 JIT = "method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"
 GRADIENT = "method", "steps x bodies", "value and gradient, ns", "over value"
+HESSIAN = "method", "until it runs", "of this, tracing", "a call"
 CRAFT = "method", "million steps per second", "with the policy"
 TABLES = {
     "jit": Table(PAGE, "jit", JIT, in_jit, "custom-programs", lambda row: row[1:3] == ["float64", "1024"]),
     "gradient": Table(PAGE, "gradient", GRADIENT, gradients, "custom-gradients", lambda row: row[1] == "128 x 1000"),
+    "hessian": Table(PAGE, "hessian", HESSIAN, hessians),
     "loops": Table(PAGE, "loops", ("loop", "time", "same bits"), loops),
     "craft": Table(PAGE, "craft", CRAFT, craft),
 }

@@ -120,3 +120,21 @@ def test_the_derivative_of_a_flight_does_not_solve_twice():
 
     step, derivative = (real(f).lower(jnp.ones(3)).compile().as_text().count(" multiply(") for f in (end, both))
     assert step < derivative < 2 * step
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("method", ["JACOBI[EA]", "LIEMID[EA]"])
+def test_a_hessian_is_right_and_repeats_no_work(method):
+    body = ml.RigidBody([5.0, 4.0, 1.0])
+    start = ml.RigidState([0.0, 1.0, 50.0], [0.8, 0.6, 0.0, 0.0])
+
+    def loss(weight):
+        run = {"dt": 0.01, "steps": 10, "save_every": None}
+        states = ml.integrate(method, body, ml.torques.HeavyTop(weight), start, **run).states
+        return jnp.sum(states.momentum**2) + jnp.sum(states.attitude**3)
+
+    slope, bend = (jax.jit(f(loss)).lower(20.0).compile() for f in (jax.grad, jax.hessian))
+    differences = (slope(20.0 + 1e-4) - slope(20.0 - 1e-4)) / 2e-4
+    assert abs(bend(20.0) - differences) < 1e-5 * abs(differences)
+    lines = [program.as_text().count("\n") for program in (slope, bend)]
+    assert lines[1] < 15 * lines[0], lines  # with each loop written out for each of its outputs, 40 times

@@ -13,8 +13,8 @@ The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by it
 step in two (`benchmarks/kernels.py` counts the kernels). On other platforms `fuse` is therefore the identity.
 
 A step, and the body of a loop within it, starts with `begin_step` and ends with `fuse`. `begin` is its counterpart
-outside of loops. `split`, `cut` and `fuse_derivative` divide a step that does not fit one loop; `barrier` is only for
-accelerators. All use one JAX primitive, which fuses tangents and cotangents as well.
+outside of loops. `split`, `cut`, `fuse_derivative` and `fuse_second_derivative` divide a step that does not fit one
+loop; `barrier` is only for accelerators. All use one JAX primitive, which fuses tangents and cotangents as well.
 
 XLA's CPU compiler compiles a short loop as one function without vectors ("small while loop hoisting"), in which a step
 of many bodies takes several times longer. It does not do so for a loop with an operation that such a function cannot
@@ -40,10 +40,12 @@ from .mesh import axes_of, is_number
 T = TypeVar("T")
 
 # Uses of the primitive.
-_BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE, _BARRIER = "begin", "fuse", "split", "cut", "fuse_derivative", "barrier"
+_BEGIN, _FUSE, _SPLIT, _CUT, _BARRIER = "begin", "fuse", "split", "cut", "barrier"
+_DERIVATIVE, _SECOND = "fuse_derivative", "fuse_second_derivative"
 _BEGIN_STEP, _BEGIN_TANGENTS, _FUSE_STEP = "begin_step", "begin_tangents", "fuse_step"
-_NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _BARRIER)  # the uses that reduce nothing on a CPU
-_TANGENTS = {_DERIVATIVE: _SPLIT, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
+_NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _SECOND, _BARRIER)  # the uses that reduce nothing on a CPU
+_PRIMALS = {_DERIVATIVE: _SPLIT, _SECOND: _DERIVATIVE}  # in a derivative, else the use of the primals
+_TANGENTS = {**_PRIMALS, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
 _COTANGENTS = {_BEGIN: _FUSE, _BEGIN_TANGENTS: _FUSE_STEP}
 
 # Whether a compiler option already keeps the loops of the traced program in vectors.
@@ -95,6 +97,11 @@ def fuse_derivative(tree: T) -> T:
     compiler can handle each loop.
     """
     return _bind(tree, _DERIVATIVE)
+
+
+def fuse_second_derivative(tree: T) -> T:
+    """`fuse_derivative` in a derivative: second derivatives are split, and neither the step nor its derivative."""
+    return _bind(tree, _SECOND)
 
 
 def barrier(tree: T) -> T:
@@ -171,8 +178,7 @@ def _is_nonzero(tangent: Any) -> bool:
 
 
 def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]]:
-    of_primals = _SPLIT if use == _DERIVATIVE else use
-    return _fuse.bind(*primals, use=of_primals), _fuse_where(tangents, _is_nonzero, _TANGENTS.get(use, use))
+    return _fuse.bind(*primals, use=_PRIMALS.get(use, use)), _fuse_where(tangents, _is_nonzero, _TANGENTS.get(use, use))
 
 
 def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:

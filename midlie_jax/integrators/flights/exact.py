@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..._math import components as cp
+from ..._xla.fusion import fuse_derivative
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
 from ...model.kind import Kind
@@ -99,7 +100,7 @@ def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, k
 
 
 def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, Flown]:
-    flown = _fly(flight, *primals)
+    flown = fuse_derivative(_fly(flight, *primals))
     return flown, _flown_tangent(flight, primals, tangents, flown)[0]
 
 
@@ -107,6 +108,7 @@ def _flown_tangent(flight: ExactFlight, primals: Any, tangents: Any, flown: Flow
     """The tangent of a flight, and chi; primals and tangents begin with inertia, h and momentum."""
     inertia, h, momentum = primals[:3]
     change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
+    change, chi = fuse_derivative((change, chi))
     return Flown(_turned(chi, flown.increment), change, parts), chi
 
 
@@ -137,7 +139,7 @@ def _carry(
 def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The tangent of `carry`: the initial pose rotates by chi and by its own change, and the flight carries both."""
     *_, pose, no_step = primals
-    flown, end = _carry(flight, kind, *primals)
+    flown, end = fuse_derivative(_carry(flight, kind, *primals))
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
     _, end_dot = jax.jvp(lambda pose: kind.act(pose, flown.increment, no_step), (pose,), (both,))

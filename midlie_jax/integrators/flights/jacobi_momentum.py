@@ -23,6 +23,7 @@ from jax import Array
 
 from ..._math import components as cp
 from ..._math.weierstrass import moment_functions, sigma_functions
+from ..._xla.fusion import fuse_second_derivative
 from ...model.inertia import Inertia
 
 # The square of the relative change of the momentum below which a change counts as short: even if each of 1e5 steps
@@ -105,7 +106,8 @@ class HalfWay(NamedTuple):
     def of(cls, inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> "HalfWay":
         y = inertia.travel(h / 2, momentum)
         found = Invariants.of(inertia, y)
-        s, w, t = sigma_functions(found.g2, found.g3, radius / 2)
+        found, y = fuse_second_derivative((found, y))
+        s, w, t = fuse_second_derivative(sigma_functions(found.g2, found.g3, radius / 2))
         s_squared = s * s
         v = w - found.wp * s_squared
         weight = found.a_jk * s_squared
@@ -127,7 +129,7 @@ def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: flo
     The change is exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most
     `radius`.
     """
-    half = HalfWay.of(inertia, h, momentum, radius)
+    half = fuse_second_derivative(HalfWay.of(inertia, h, momentum, radius))
     pulls = cp.times(inertia.gaps, half.squares)
     sides = (pulls[0] * half.moved[1], pulls[1] * half.moved[2], pulls[2] * half.moved[0])
     direction = cp.times(sides, (half.momentum[2], half.momentum[0], half.momentum[1]))
