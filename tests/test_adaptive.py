@@ -247,6 +247,7 @@ def test_runs_in_blocks_have_the_bits_of_one_run():
     np.testing.assert_allclose(on.states.position[-1], whole.states.position[-1], atol=2e-3)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("save_every", [1, None])
 @pytest.mark.parametrize("way", ["alone", "jit", "vmap"])

@@ -121,6 +121,7 @@ def scaled(scale, box="brick"):
     return state, listed(state, tuple(scale * x for x in BOXES[box]))
 
 
+@pytest.mark.sample(0)
 def test_the_virial_is_the_derivative_of_the_energy_with_the_size_of_the_box():
     state, torque = scaled(1.0)
     step = 1e-5
@@ -236,6 +237,7 @@ def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours(dtype):
     np.testing.assert_allclose(path.times, whole.times, rtol=1e-14)
 
 
+@pytest.mark.sample(0)
 def test_a_run_of_molecules_goes_on_from_its_carry_and_has_observables_and_noise():
     body, forces, start = nitrogen()
     bath = ml.baths.Langevin(2.5, 1.0, jax.random.key(0), linear_friction=1.0)

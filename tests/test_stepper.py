@@ -214,6 +214,7 @@ def test_a_step_under_another_torque_stays_in_the_bath():
     assert not np.allclose(found.momentum, one.state(one.step(one.init())).momentum)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("save_every", [1, None])
 @pytest.mark.parametrize("start", ["not finite", "failed later"])
 def test_a_run_that_goes_on_from_a_failed_one_has_failed(start, save_every):
@@ -278,6 +279,7 @@ def test_many_bodies_stay_in_vectors_in_a_program_of_the_user():
     assert sorts(2, True) == sorts(2, False) == 0
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("state", STATES)
 def test_carries_paths_and_states_of_every_kind_are_exported(state):
     body, start = STATES[state]
@@ -303,6 +305,7 @@ print(bool(path.ok), path.result == ml.RESULTS.successful, path.states.momentum.
 """
 
 
+@pytest.mark.sample(0)
 def test_an_exported_run_has_the_same_bits_in_another_process(tmp_path):
     ml.register_for_export()
     run = jax.jit(lambda body, torque, start: ml.integrate("JACOBI[EA]", body, torque, start, dt=DT, steps=4))

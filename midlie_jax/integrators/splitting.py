@@ -9,7 +9,7 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
-from .._xla.keep import kept
+from .._xla.keep import kept, recomputed
 from .._xla.platform import on_cpu
 from ..model.baths.base import BathOfBodies
 from ..model.baths.with_bath import without_bath
@@ -202,7 +202,7 @@ class Splitting(Method):
         columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
         rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
         start = motion, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, ok), _ = jax.lax.scan(iteration, start, rows, unroll=self._flights_per_iteration)
+        (motion, ok), _ = jax.lax.scan(recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration)
         if kicks_first:
             return fly_and_kick((flights[-1], 1.0, kicks[-1]), motion, ok)
         motion, flight_ok = stages.fly(flights[-1], motion)
@@ -226,7 +226,7 @@ class Splitting(Method):
 
         rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))
         start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, force, ok), _ = jax.lax.scan(iteration, start, rows, unroll=self._flights_per_iteration)
+        (motion, force, ok), _ = jax.lax.scan(recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration)
         return stages.kick(kicks[-1], 1.0, motion, force), force, ok
 
     @property
