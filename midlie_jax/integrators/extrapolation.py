@@ -59,7 +59,7 @@ class Extrapolation(NamedTuple):
         total = jax.tree.map(jnp.zeros_like, motion)
         for n in self.substeps:
             if n > 2:
-                total, first = pause((total, first), n - 1)
+                (total, first), motion, _ = pause((total, first), motion, n - 1)
             before, now = None, jax.tree.map(lambda rate, n=n: rate * (1 / n), first)
             for i in range(1, n):
                 step = rates(i / n, 2 / n, jax.tree.map(jnp.add, motion, now))

@@ -8,9 +8,11 @@ from .system import AnyMotion
 # `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time t0 +
 # `time` h of a step from t0.
 Rates = Callable[[float, float, AnyMotion], AnyMotion]
-# `pause(tree, evaluations)` returns the tree unchanged. It marks a point of a step where few numbers are alive, before
-# a part with this many evaluations. A loop that would become too long for the compiler ends there.
-Pause = Callable[[Any, int], Any]
+# `pause(fresh, older, evaluations)` returns `fresh` and `older` unchanged, and whether a loop ends there. It marks a
+# point of a step where few numbers are alive, before a part with this many evaluations. A loop that would become too
+# long for the compiler ends there: in a step for `fresh`, the numbers computed since the last end; in its derivative
+# for both.
+Pause = Callable[[Any, Any, int], tuple[Any, Any, bool]]
 
 
 @runtime_checkable

@@ -76,9 +76,9 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
         del time
         return Motion(part * z * motion.momentum, ())
 
-    def pause(tree: Any, evaluations: int) -> Any:
+    def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
         del evaluations
-        return tree
+        return fresh, older, False
 
     change = formula.change(rates, pause, Motion(np.ones_like(z), ()))
     return _first(x, np.abs(1 + np.asarray(change.momentum)) > 1 + _GROWTH)

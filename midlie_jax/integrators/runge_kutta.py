@@ -15,7 +15,7 @@ from jax import Array
 
 from .._xla import budgets
 from .._xla.compiler import exact_jit
-from .._xla.fusion import cut
+from .._xla.fusion import cut, fuse_derivative
 from .._xla.platform import on_cpu
 from .._xla.rules import count_operations
 from ..model.bodies import Body, RigidBody
@@ -29,6 +29,7 @@ from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
 _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gradient before each group of corrections
+_OF_DERIVATIVE = 2  # operations of a derivative for each operation of a step
 
 
 class RungeKutta(Method):
@@ -101,14 +102,21 @@ class RungeKutta(Method):
             return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
         longest = budgets.LOOP_OPERATIONS if on_cpu() else budgets.KERNEL_OPERATIONS
-        in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
+        in_loop = in_derivative = 0
+        per_evaluation = count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
+        most = longest / (_OF_DERIVATIVE * per_evaluation)  # evaluations whose derivative fits one loop
+        if not isinstance(self.formula, Extrapolation):  # a stage of a tableau reads the others
+            most = min(most, budgets.LOOP_STAGES)
 
-        def pause(tree: Any, evaluations: int) -> Any:
-            nonlocal in_loop
+        def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
+            nonlocal in_loop, in_derivative
             alone = evaluations == 1 and per_evaluation > budgets.LONG_TORQUE  # a stage of a tableau reads the others
             ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
-            return cut(tree) if ends else tree
+            long = in_derivative + evaluations > most
+            in_derivative = evaluations if ends or long else in_derivative + evaluations
+            fresh = cut(fresh) if ends else fresh
+            return *(fuse_derivative((fresh, older)) if ends or long else (fresh, older)), ends
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
         if isinstance(self.formula, Extrapolation) and self.loops_for(system):
@@ -116,7 +124,7 @@ class RungeKutta(Method):
         else:
             change = self.formula.change(rates, pause, motion)
         if self.projects:
-            change = pause(change, OPERATIONS // per_evaluation)
+            change = pause(change, (), OPERATIONS // per_evaluation)[0]
         end = system.pushed(motion, change.momentum)
         end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0))
         kept: Array | bool = True

@@ -226,7 +226,9 @@ class Splitting(Method):
 
         rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))
         start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, force, ok), _ = jax.lax.scan(recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration)
+        (motion, force, ok), _ = jax.lax.scan(
+            recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration
+        )
         return stages.kick(kicks[-1], 1.0, motion, force), force, ok
 
     @property

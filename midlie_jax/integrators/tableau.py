@@ -36,10 +36,10 @@ class Tableau(NamedTuple):
         changes: list[AnyMotion] = []
         begun = 0  # the first change that the present loop computes
         for row in self.stages:
-            fresh = changes[begun:]
-            paused = pause(fresh, 1) if len(self.stages) > budgets.LOOP_STAGES else fresh
-            if paused is not fresh:
-                changes, begun = changes[:begun] + paused, len(changes)
+            if len(self.stages) > budgets.LOOP_STAGES:
+                fresh, (older, motion), ended = pause(changes[begun:], (changes[:begun], motion), 1)
+                changes = older + fresh
+                begun = len(changes) if ended else begun
             stage_motion = jax.tree.map(jnp.add, motion, _total(row, changes)) if row else motion
             changes.append(rates(sum(row.values(), start=0.0), 1.0, stage_motion))
         return _total(self.weights, changes)
