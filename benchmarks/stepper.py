@@ -59,8 +59,8 @@ def in_jit() -> Iterator[list[str]]:
 
 
 def gradients() -> Iterator[list[str]]:
-    for method in ("SYMMETRIC[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]"):
-        for steps, count in ((128, 1000), (1000, 256), (10000, 64))[: 1 if "SRKN" in method else 3]:
+    for method in ("SYMMETRIC[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]", "DOP853", "GBS12"):
+        for steps, count in ((128, 1000), (1000, 256), (10000, 64))[: 3 if "EA" in method else 1]:
             body, starts = tops(method, count)
 
             def loss(weight: Any, m: str = method, b: Any = body, s: Any = starts, n: int = steps) -> Any:
