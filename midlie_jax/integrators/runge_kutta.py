@@ -124,7 +124,7 @@ class RungeKutta(Method):
         else:
             change = self.formula.change(rates, pause, motion)
         if self.projects:
-            change = pause(change, (), OPERATIONS // per_evaluation)[0]
+            change, motion, _ = pause(change, motion, OPERATIONS // per_evaluation)
         end = system.pushed(motion, change.momentum)
         end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0))
         kept: Array | bool = True
