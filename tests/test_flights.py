@@ -364,7 +364,7 @@ def tumbling(dtype):
 APPROXIMATE = [f for f in (FLIGHT, *SYMPLECTIC, flights.MoserVeselov4(), flights.MoserVeselov6()) if f.order]
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(len(APPROXIMATE))
 @pytest.mark.parametrize("flight", APPROXIMATE, ids=lambda f: f.name)
 def test_order_of_a_flight(flight):
     """The error of one flight is of the order's next power of its length, in momentum and attitude."""
