@@ -84,7 +84,6 @@ def test_forces_and_energy_are_those_of_all_pairs(single, box):
     np.testing.assert_allclose(np.sum(found.force, axis=0), 0, atol=largest * (1e-4 if single else 1e-12))
 
 
-@pytest.mark.sample(0)
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_derivatives_of_the_force_are_symmetric_and_those_of_differences(mode):
     random, torque = np.random.default_rng(1), listed()
@@ -121,7 +120,6 @@ def scaled(scale, box="brick"):
     return state, listed(state, tuple(scale * x for x in BOXES[box]))
 
 
-@pytest.mark.sample(0)
 def test_the_virial_is_the_derivative_of_the_energy_with_the_size_of_the_box():
     state, torque = scaled(1.0)
     step = 1e-5
@@ -172,7 +170,6 @@ def test_the_damped_force_is_exact_for_every_damping(damping, single):
     np.testing.assert_allclose(found, expected, atol=3e-4 if single else 1e-7)
 
 
-@pytest.mark.sample(0)
 def test_forces_in_float32_have_the_derivatives_of_those_in_float64():
     def slope(single):
         torque = listed(single=single)
@@ -237,7 +234,6 @@ def test_a_run_renews_its_list_and_is_the_run_with_all_neighbours(dtype):
     np.testing.assert_allclose(path.times, whole.times, rtol=1e-14)
 
 
-@pytest.mark.sample(0)
 def test_a_run_of_molecules_goes_on_from_its_carry_and_has_observables_and_noise():
     body, forces, start = nitrogen()
     bath = ml.baths.Langevin(2.5, 1.0, jax.random.key(0), linear_friction=1.0)

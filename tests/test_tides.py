@@ -35,7 +35,6 @@ def test_the_force_is_the_difference_of_the_gravity_of_the_sun_and_the_torque_th
         np.testing.assert_allclose(wrench.torque[i], np.cross(points, pulls).sum(0), rtol=1e-9)
 
 
-@pytest.mark.sample(0)
 def test_hills_problem_has_the_known_secular_advance():
     """A wide circular pair that the Sun makes precess: rates of orbit and node follow perturbation theory.
 

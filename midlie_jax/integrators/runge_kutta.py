@@ -29,7 +29,6 @@ from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
 _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gradient before each group of corrections
-_OF_DERIVATIVE = 2  # operations of a derivative for each operation of a step
 
 
 class RungeKutta(Method):
@@ -104,7 +103,7 @@ class RungeKutta(Method):
         longest = budgets.LOOP_OPERATIONS if on_cpu() else budgets.KERNEL_OPERATIONS
         in_loop = in_derivative = 0
         per_evaluation = count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
-        most = longest / (_OF_DERIVATIVE * per_evaluation)  # evaluations whose derivative fits one loop
+        most = longest / (budgets.DERIVATIVE_OPERATIONS * per_evaluation)  # evaluations whose derivative fits one loop
         if not isinstance(self.formula, Extrapolation):  # a stage of a tableau reads the others
             most = min(most, budgets.LOOP_STAGES)
 

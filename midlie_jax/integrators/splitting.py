@@ -202,7 +202,7 @@ class Splitting(Method):
         columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
         rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
         start = motion, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, ok), _ = jax.lax.scan(recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration)
+        motion, ok = self._over_stages(iteration, start, rows)
         if kicks_first:
             return fly_and_kick((flights[-1], 1.0, kicks[-1]), motion, ok)
         motion, flight_ok = stages.fly(flights[-1], motion)
@@ -226,16 +226,13 @@ class Splitting(Method):
 
         rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))
         start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, force, ok), _ = jax.lax.scan(
-            recomputed(iteration, False), start, rows, unroll=self._flights_per_iteration
-        )
+        motion, force, ok = self._over_stages(iteration, start, rows)
         return stages.kick(kicks[-1], 1.0, motion, force), force, ok
 
-    @property
-    def _flights_per_iteration(self) -> int:
-        if not on_cpu():
-            return self.flight.per_kernel
-        return 2 if self.flight.per_loop > 2 else 1
+    def _over_stages(self, iteration: Any, start: Any, rows: Any) -> Any:
+        """The end of a scan. A reverse derivative recomputes each iteration, or it would store all of its numbers."""
+        unroll = self.flight.per_kernel if not on_cpu() else 2 if self.flight.per_loop > 2 else 1
+        return jax.lax.scan(recomputed(iteration, middle=False), start, rows, unroll=unroll)[0]
 
     def _after_flight(self, stages: "_Stages", motion: AnyMotion) -> AnyMotion:
         """The motion after a flight in a loop; a long flight fills its own loop."""
