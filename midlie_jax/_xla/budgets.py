@@ -21,9 +21,7 @@ WRITTEN_ROWS = 16  # of a sum over a table, such as the facets of a surface, wri
 # operations in one loop, a step takes 40 times the time of two loops of half that length. On a GPU longer kernels
 # are also divided.
 LOOP_OPERATIONS, KERNEL_OPERATIONS = 2800, 2000
-DERIVATIVE_OPERATIONS = (
-    2  # in the loops of a derivative for each operation of a step (`benchmarks/stepper.py gradient`)
-)
+DERIVATIVE_OPERATIONS = 2  # of a derivative for each of a step, by `benchmarks/stepper.py gradient`
 LOOP_STAGES = 4  # stages of a tableau that fit one loop under any torque
 KERNEL_EVALUATIONS = 16  # of a simple torque that fit one kernel
 VECTOR_NUMBERS = 16  # of a leaf; with fewer, a loop without vectors is not slower
