@@ -12,6 +12,7 @@ import jax
 from jax import Array
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
+from jax.core import eval_jaxpr
 from jax.extend.core import Literal as Literal
 from jax.extend.core import Primitive as Primitive
 from jax.extend.core import take_current_trace
@@ -45,6 +46,11 @@ def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
     arrays.
     """
     return jax.make_jaxpr(lambda *given: function(*given))(*arguments)
+
+
+def run_program(closed: ClosedJaxpr, constants: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
+    """The outputs of a traced function, with these arrays in place of the constants of its trace."""
+    return eval_jaxpr(closed.jaxpr, constants, *arguments)
 
 
 def used_inputs(closed: ClosedJaxpr) -> list[bool]:

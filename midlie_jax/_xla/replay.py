@@ -16,6 +16,7 @@ The rules for single operations are in `rules.py`.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +24,7 @@ from jax import Array
 
 from . import budgets
 from .fusion import split
-from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, used_inputs
+from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, run_program, traced, used_inputs
 from .mesh import axes_of, promoted
 from .rules import (
     Pool,
@@ -58,11 +59,89 @@ class Traits(NamedTuple):
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
-    closed = traced(function, *arguments)
+    return _traits(traced(function, *arguments), arguments)
+
+
+def _traits(closed: ClosedJaxpr, arguments: tuple[Any, ...]) -> Traits:
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
     costly, scalars = any(map(is_expensive, closed.jaxpr.eqns)), count_scalar_operations(closed)[0]
     return Traits(costly, count_operations(closed), scalars, has_rules(closed), reads)
+
+
+class Traced(eqx.Module):
+    """A function from its trace, with the traced arrays on which it depends as leaves, also those it closes over.
+
+    A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
+    those of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would be
+    computed entry by entry, each time with the whole derivative of the step; a gradient then took up to a thousand
+    times as long as the value.
+
+    Attributes:
+        constants: the arrays, each as it is or by its entries.
+    """
+
+    constants: list[Any]
+    _program: "_Program" = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, function: Callable[..., Any], *arguments: Any) -> "tuple[Traced, Traits]":
+        """The function and its traits; it is traced once, with these arguments, and not run."""
+        program = _Program(function, arguments)
+        read = [x for x in program.closed.consts if isinstance(x, Tracer)]
+        return cls(read, program), _traits(program.closed, arguments)
+
+    def by_entries(self) -> "Traced":
+        return Traced([_Spread.of(x) if eqx.is_array(x) else x for x in self.constants], self._program)
+
+    def takes(self, *arguments: Any) -> bool:
+        """Whether the arguments have the types of the trace."""
+        return _types(arguments) == self._program.types
+
+    def __call__(self, *arguments: Any) -> Any:
+        program, given = self._program, iter(self.constants)
+        read = [next(given) if isinstance(x, Tracer) else x for x in program.closed.consts]
+        constants = [x.array() if isinstance(x, _Spread) else x for x in read]
+        return program.structure.unflatten(run_program(program.closed, constants, jax.tree.leaves(arguments)))
+
+
+class _Program:
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]):
+        # By default JAX would look for an earlier trace of the function and compare its arrays.
+        trace = jax.make_jaxpr(lambda *given: function(*given), return_shape=True)
+        self.closed, result = trace(*arguments)
+        self.types, self.structure = _types(arguments), jax.tree.structure(result)
+
+
+def _types(arguments: tuple[Any, ...]) -> Any:
+    leaves, structure = jax.tree.flatten(arguments)
+    return [jax.typeof(x).strip_weak_type() for x in leaves], structure
+
+
+class _Spread(eqx.Module):
+    """A small array by its entries."""
+
+    entries: list[Array]
+    shape: tuple[int, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, array: Array) -> "Array | _Spread":
+        small = array.ndim > 0 and eqx.is_inexact_array(array) and fits(jax.typeof(array))
+        return cls(_scalars(array), array.shape) if small else array
+
+    def array(self) -> Array:
+        return jnp.stack(self.entries).reshape(self.shape)
+
+
+def _scalars(array: Array) -> list[Array]:
+    """The entries in row-major order.
+
+    The transpose of `jax.lax.split` is one concatenation. That of an index is a padded array, and for each of these XLA
+    would repeat the derivative of the step.
+    """
+    if not array.ndim:
+        return [array]
+    return [x.reshape(()) for x in jax.lax.split(array.reshape(-1), [1] * array.size)] if array.size else []
 
 
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
@@ -139,8 +218,9 @@ def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: boo
 def _to_entries(pool: Pool, value: Any) -> _Entries:
     """An array split into its entries, which are stored in the pool."""
     shape = jnp.shape(value)
-    if not isinstance(value, Tracer):
-        value = np.asarray(value)
+    if isinstance(value, Tracer):
+        return _Entries(pool.store(_scalars(value), shape))
+    value = np.asarray(value)
     return _Entries(pool.store([value[i] if i else value for i in np.ndindex(shape)], shape))
 
 

@@ -225,7 +225,7 @@ class Method(eqx.Module):
             The progress after the step, and the further results of `times`; for `step_back` a pair of these and
             `known`.
         """
-        system, clock, h, progress = begin_step((system, clock, h, progress))
+        system, clock, h, progress = begin_step((system.by_entries(), clock, h, progress))
         t0, t1, rest = times(clock)
         system = system.in_step(t0, t1, h)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)

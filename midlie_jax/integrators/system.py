@@ -11,7 +11,7 @@ from jax import Array
 from .._math import components as cp
 from .._xla import budgets
 from .._xla.fusion import fuse_derivative, split
-from .._xla.replay import Traits, traits
+from .._xla.replay import Traced, Traits
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
@@ -52,6 +52,7 @@ class System(NamedTuple):
         frame: the quaternion from principal components to the user's; None if both agree.
         bath: the heat bath, or None.
         by_step: whether a part of the torque has a constant value in each step; see `in_step`.
+        traced: the torque from its trace; None with `by_step`, or without a torque.
     """
 
     inertia: Any
@@ -63,6 +64,7 @@ class System(NamedTuple):
     frame: Any = None
     bath: PreparedBath | PreparedSum | None = None
     by_step: bool = False
+    traced: Traced | None = None
 
     @classmethod
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
@@ -80,15 +82,16 @@ class System(NamedTuple):
         torque = on_body(torque, body)
         by_step = is_by_step(torque)
         try:
-            torque_traits = traits(in_step(torque, t, t, t) if by_step else torque, t, start)
+            traced, found = Traced.of(in_step(torque, t, t, t) if by_step else torque, t, start)
         except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
             raise ValueError(
                 "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
                 f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
             ) from error
-        read = torque_traits.reads[1]
+        read = found.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
-        return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)._replace(by_step=by_step)
+        system = cls._of(body, torque, start, found, reads=reads, whole=whole)
+        return system._replace(by_step=True) if by_step else system._replace(traced=traced)
 
     @classmethod
     def _of(
@@ -116,6 +119,10 @@ class System(NamedTuple):
         A step with a loop that holds one copy of the torque is then equally fast and compiles much faster.
         """
         return self.costly and self.long
+
+    def by_entries(self) -> "System":
+        """The system with the parameters of the torque as the scalars that a step reads."""
+        return self if self.traced is None else self._replace(traced=self.traced.by_entries())
 
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, which determines the random numbers of a bath."""
@@ -231,7 +238,7 @@ class System(NamedTuple):
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
         if self.torque is None:
             return _zeros(motion.momentum)
-        return self._torque_boundary(self._evaluate(self.torque, t, self._torque_boundary(motion)))
+        return self._torque_boundary(self._evaluate(t, self._torque_boundary(motion)))
 
     def displaced_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """`gradient_force` up to weight^2, from a second torque in place of a derivative.
@@ -246,11 +253,11 @@ class System(NamedTuple):
         """
         if self.torque is None:
             return _zeros(motion.momentum)
-        torque = self._torque_of_pose()
+        self._require_torque_of_pose()
         motion = self._torque_boundary(motion)
 
         def at(pose: Any) -> P:
-            return self._torque_boundary(self._evaluate(torque, t, Motion(motion.momentum, pose)))
+            return self._torque_boundary(self._evaluate(t, Motion(motion.momentum, pose)))
 
         force = at(motion.pose)
         displacement = jax.tree.map(lambda x: 2 * weight * x, self.velocity(force))
@@ -262,15 +269,12 @@ class System(NamedTuple):
         moved = self.kind.shift(motion.pose, self.kind.rate(motion.pose, displacement), jnp.asarray(False))
         return added(at(moved), 2 * weight, self.inertia.commutator(force))
 
-    def _torque_of_pose(self) -> TorqueLike:
-        """The torque; a ValueError if it reads the momentum, for which a force gradient is undefined."""
+    def _require_torque_of_pose(self) -> None:
         if self.reads_momentum:
             raise ValueError(
                 "torque must not depend on the momentum under a scheme with force gradients. Use a scheme without "
                 "gradients."
             )
-        assert self.torque is not None
-        return self.torque
 
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """The torque of the potential V - weight T . I^-1 T.
@@ -284,11 +288,11 @@ class System(NamedTuple):
         """
         if self.torque is None:
             return _zeros(motion.momentum)
-        torque = self._torque_of_pose()
+        self._require_torque_of_pose()
         motion = self._torque_boundary(motion)
 
         def at(pose: Any) -> P:
-            return self._evaluate(torque, t, Motion(motion.momentum, pose))
+            return self._evaluate(t, Motion(motion.momentum, pose))
 
         force = at(motion.pose)
         velocity = self.velocity(force)
@@ -296,10 +300,16 @@ class System(NamedTuple):
         change = jax.tree.map(jnp.add, change, self.inertia.commutator(force))
         return self._torque_boundary(added(force, 2 * weight, change))
 
-    def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
-        value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
+    def _evaluate(self, t: Array, motion: AnyMotion) -> Any:
+        value, returned = self.evaluate(lambda t, state: self.kind.force_of(self._torque_at(t, state)), t, motion)
         _check_force(self.kind, returned, cp.packed(motion.momentum))
         return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return constants
+
+    def _torque_at(self, t: Array, state: AnyState) -> Any:
+        assert self.torque is not None
+        if self.traced is None or not self.traced.takes(t, state):
+            return self.torque(t, state)
+        return self.traced(t, state)
 
     def _vector(self, vector: Any) -> Any:
         return vector if self.frame is None else self.kind.vector_in(self.frame, vector)

@@ -4,20 +4,23 @@ A change of the arguments of a flight changes its increment Q to (1 + [chi]) Q, 
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ..._math import components as cp
-from ..._xla.fusion import fuse_derivative
+from ..._xla.fusion import fuse_derivative, split
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
 from ...model.kind import Kind
 from .base import JudgedFlight
 from .turn_tangent import Changes, with_zeros
+
+T = TypeVar("T")
 
 
 class Flown(NamedTuple):
@@ -92,6 +95,11 @@ class ExactFlight(JudgedFlight):
         return _carry(self, kind, inertia, h, momentum, known, pose, no_step)
 
 
+def _boundary(flight: ExactFlight) -> Callable[[T], T]:
+    """What ends the loop of a flight in its derivative: a long flight has its own loop already in the first one."""
+    return split if flight.per_loop <= 2 else fuse_derivative
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, known: Known | None) -> Flown:
     if known is None:
@@ -100,7 +108,7 @@ def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, k
 
 
 def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, Flown]:
-    flown = fuse_derivative(_fly(flight, *primals))
+    flown = _boundary(flight)(_fly(flight, *primals))
     return flown, _flown_tangent(flight, primals, tangents, flown)[0]
 
 
@@ -139,7 +147,7 @@ def _carry(
 def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The tangent of `carry`: the initial pose rotates by chi and by its own change, and the flight carries both."""
     *_, pose, no_step = primals
-    flown, end = fuse_derivative(_carry(flight, kind, *primals))
+    flown, end = _boundary(flight)(_carry(flight, kind, *primals))
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
     _, end_dot = jax.jvp(lambda pose: kind.act(pose, flown.increment, no_step), (pose,), (both,))
