@@ -110,7 +110,7 @@ def measured(transform, function, torque, body_steps):
     return f"{first:.1f} s", f"{1e9 * later / body_steps:.0f} ns"
 
 
-KEY = ("network of width 16", "network of width 128", "12 facets")
+KEY = ("gradient of gravity", "network of width 16", "network of width 128", "12 facets")
 
 
 def rows(method, torques):

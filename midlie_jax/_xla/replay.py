@@ -70,7 +70,7 @@ def _traits(closed: ClosedJaxpr, arguments: tuple[Any, ...]) -> Traits:
 
 
 class Traced(eqx.Module):
-    """A function from its trace, with the traced arrays on which it depends as leaves, also those it closes over.
+    """A function from its trace, with its arrays and the traced arrays that it closes over as leaves.
 
     A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
     those of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would be
@@ -88,7 +88,7 @@ class Traced(eqx.Module):
     def of(cls, function: Callable[..., Any], *arguments: Any) -> "tuple[Traced, Traits]":
         """The function and its traits; it is traced once, with these arguments, and not run."""
         program = _Program(function, arguments)
-        read = [x for x in program.closed.consts if isinstance(x, Tracer)]
+        read = [x for x, is_leaf in zip(program.closed.consts, program.leaves, strict=True) if is_leaf]
         return cls(read, program), _traits(program.closed, arguments)
 
     def by_entries(self) -> "Traced":
@@ -100,7 +100,7 @@ class Traced(eqx.Module):
 
     def __call__(self, *arguments: Any) -> Any:
         program, given = self._program, iter(self.constants)
-        read = [next(given) if isinstance(x, Tracer) else x for x in program.closed.consts]
+        read = [next(given) if leaf else x for x, leaf in zip(program.closed.consts, program.leaves, strict=True)]
         constants = [x.array() if isinstance(x, _Spread) else x for x in read]
         return program.structure.unflatten(run_program(program.closed, constants, jax.tree.leaves(arguments)))
 
@@ -111,6 +111,8 @@ class _Program:
         trace = jax.make_jaxpr(lambda *given: function(*given), return_shape=True)
         self.closed, result = trace(*arguments)
         self.types, self.structure = _types(arguments), jax.tree.structure(result)
+        own = {id(x) for x in jax.tree.leaves(function)}
+        self.leaves = [isinstance(x, Tracer) or id(x) in own for x in self.closed.consts]
 
 
 def _types(arguments: tuple[Any, ...]) -> Any:

@@ -8,9 +8,9 @@ import numpy as np
 from jax import Array
 
 from ..._checks.arguments import as_floats, described, require
-from .autocorrelation import Autocorrelation, Correlation
+from .correlations import Autocorrelation, Correlation
 from .series import Series
-from .spectrum import Density, Spectrum
+from .spectra import Density, Spectrum
 
 
 def autocorrelation(

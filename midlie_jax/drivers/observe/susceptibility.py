@@ -9,7 +9,7 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from ..._checks.arguments import as_count, as_floats, require
-from .autocorrelation import Carried, Products
+from .correlations import Carried, Products
 from .spread import Sums, mean_and_error, sums_of
 
 

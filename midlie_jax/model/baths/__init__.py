@@ -5,6 +5,6 @@ alone, in the space frame. `base` has what every bath needs, random keys and the
 spins is `midlie_jax.spins.ThermalField`.
 """
 
-from .base import Sum as Sum
-from .langevin import Langevin as Langevin
-from .recoil import Recoil as Recoil
+from ..._lazy import names_of
+
+__getattr__, __dir__, __all__ = names_of(__name__, __file__)

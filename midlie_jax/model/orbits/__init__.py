@@ -4,9 +4,6 @@
 fields. `units` scales their numbers to about one.
 """
 
-from .base import Orbit as Orbit
-from .circular import CircularOrbit as CircularOrbit
-from .dipole import DipoleField as DipoleField
-from .kepler import KeplerOrbit as KeplerOrbit
-from .table import TableField as TableField
-from .table import TableOrbit as TableOrbit
+from ..._lazy import names_of
+
+__getattr__, __dir__, __all__ = names_of(__name__, __file__)
