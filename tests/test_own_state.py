@@ -14,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import numbers, quick, whole
+from on_rail import OnRail, OnRailState, Slide
 from scipy.integrate import solve_ivp
 from travelling import Travel, Traveller, Travelling
 
 import midlie_jax as ml
+from midlie_jax.cli.scenes import Scene, perturbed
 from midlie_jax.model.free_body import Momenta
 
 BODY = Traveller(jnp.array([1.0, 2.0, 2.5]), jnp.array(3.0))
@@ -286,3 +288,90 @@ def test_an_angle_swings_as_a_pendulum():
     many = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), start)
     increment = jnp.array([[0.1, 0.2], [0.3, 0.4]])
     np.testing.assert_allclose(many.plus(increment).minus(many), increment, atol=1e-15)
+
+
+RAIL = OnRail(jnp.array([1.0, 2.0, 2.5]), jnp.array(0.7))
+ON_RAIL = OnRailState(jnp.array([1.0, 0.8, -1.3, 0.3]), jnp.array([1.0, 0.0, 0.0, 0.0, 0.5]))
+
+
+def spring(stiffness=4.0):
+    """A spring, and a field that grows along the rail and acts on the axis e3."""
+
+    def energy(stiffness, t, state):
+        x, height = state.pose[4], ml.so3.to_matrix(state.pose[:4])[2, 2]
+        return stiffness * x**2 / 2 - (1.5 + 0.8 * x) * height
+
+    return ml.torques.FromPotential(jax.tree_util.Partial(energy, jnp.asarray(stiffness)))
+
+
+@pytest.mark.sample(0)
+def test_one_leaf_holds_a_rotation_and_a_distance():
+    @jax.jit
+    def rate(y):
+        state = OnRailState(y[:4], y[4:])
+        force, velocity = spring()(0.0, state), RAIL.velocity(state.momentum)
+        quaternion = ml.so3.multiply(state.pose[:4], jnp.concatenate([jnp.zeros(1), velocity[:3]])) / 2
+        turning = jnp.cross(state.momentum[:3], velocity[:3]) + force[:3]
+        return jnp.concatenate([turning, force[3:], quaternion, velocity[3:]])
+
+    y0 = np.concatenate(jax.tree.leaves(ON_RAIL))
+    exact = solve_ivp(lambda t, y: rate(y), (0, 0.5), y0, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    method = ml.method(Slide(), "EA")
+
+    def errors(steps):
+        path = quick(lambda: ml.integrate(method, RAIL, spring(), ON_RAIL, dt=0.5 / steps, steps=steps))()
+        assert path.ok
+        np.testing.assert_allclose(ml.observe.energy(RAIL, spring(), path), -0.33771429, atol=1e-3)
+        return error(jax.tree.map(lambda x: x[-1], path.states), exact)
+
+    assert np.log2(errors(16) / errors(32)) == pytest.approx(2, abs=0.1)
+    bodies = OnRail(jnp.stack([RAIL.moments, 2 * RAIL.moments]), jnp.array([0.7, 0.9]))
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), ON_RAIL)
+    path = ml.ensemble(method, bodies, spring([4.0, 5.0]), many, dt=0.02, steps=16)
+    second = jax.tree.map(lambda x: x[1], bodies)
+    one = quick(lambda: ml.integrate(method, second, spring(5.0), ON_RAIL, dt=0.02, steps=16))()
+    for x, y in zip(jax.tree.leaves(path.states), jax.tree.leaves(one.states), strict=True):
+        np.testing.assert_allclose(x[1], y[-1], atol=1e-13)
+
+
+def test_wrong_shapes_of_a_custom_kind_are_named():
+    class Short(ml.State):
+        momentum: jax.Array
+        attitude: jax.Array
+        linear: jax.Array
+        position: jax.Array
+        body = Traveller
+        leaves = ml.FreeState.leaves
+
+    travel, slide = ml.method(Travel(), "EA"), ml.method(Slide(), "EA")
+    short = Short(START.momentum, START.attitude, jnp.ones(1), jnp.ones(1))
+    rows = Traveller(jnp.ones((3, 3)), jnp.ones(3))
+    several = jax.tree.map(lambda x: jnp.stack([x, x, x]), START)
+    run = {"dt": 0.01, "steps": 1}
+    with pytest.raises(ValueError, match=r"start\.linear must have shape \(3,\), got \(1,\)\. Put variables other"):
+        ml.integrate(travel, BODY, None, short, **run)
+    message = r"velocity of Traveller must be 6 scalars.*got 6 numbers of shape \(3,\)\..*property Traveller\.batch"
+    with pytest.raises(ValueError, match=message):
+        ml.ensemble(travel, rows, None, several, **run)
+    with pytest.raises(ValueError, match=r"rate of OnRail must be 4 scalars like the pose.*got 5 numbers\. Define"):
+        ml.integrate(slide, RAIL, None, OnRailState(ON_RAIL.momentum, jnp.array([1.0, 0, 0, 0])), **run)
+    with pytest.raises(ValueError, match=r"start\.momentum must be an array, got list; use jnp\.array"):
+        ml.integrate(slide, RAIL, None, OnRailState([1.0, 0.8, -1.3, 0.3], ON_RAIL.pose), **run)
+    scene = Scene("rail", "a body on a rail", RAIL, None, ON_RAIL, 0.01, 1.0, "this test", "any")
+    with pytest.raises(ValueError, match=r"a kind of midlie_jax, got OnRailState; call midlie_jax\.integrate"):
+        perturbed(scene, 2, 0.01)
+
+
+class NumbersOnRail(OnRail):
+    @property
+    def batch(self):
+        return ()
+
+
+@pytest.mark.sample(0)
+def test_a_body_may_hold_python_numbers_instead_of_arrays():
+    method, run = ml.method(Slide(), "EA"), {"dt": 0.01, "steps": 4}
+    path = ml.integrate(method, NumbersOnRail([1.0, 2.0, 2.5], 0.7), None, ON_RAIL, **run)
+    np.testing.assert_allclose(
+        path.states.pose, ml.integrate(method, RAIL, None, ON_RAIL, **run).states.pose, atol=1e-15
+    )

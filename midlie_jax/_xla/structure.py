@@ -16,7 +16,7 @@ from .internals import Tracer
 R = TypeVar("R")
 _KEPT = 1024  # entries of one cache; a torque made again for every call would fill more and more
 _decisions: dict[Hashable, Any] = {}
-_known: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
+_known: dict[Hashable, tuple[tuple[Any, ...] | None, Any]] = {}
 
 
 def structure_of(tree: Any) -> Hashable:
@@ -75,8 +75,8 @@ def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
     if structure is None or any(isinstance(leaf, Tracer) or not isinstance(leaf, jax.Array) for leaf in leaves):
         return decide(*arguments)
     key = decide, structure, tuple(map(id, leaves))
-    references, result = _known.get(key, ((), None))
-    if len(references) == len(leaves) and all(ref() is leaf for ref, leaf in zip(references, leaves, strict=True)):
+    references, result = _known.get(key, (None, None))
+    if references is not None and all(ref() is leaf for ref, leaf in zip(references, leaves, strict=True)):
         return result
     result = decide(*arguments)
     remember(_known, key, (tuple(map(weakref.ref, leaves)), result))

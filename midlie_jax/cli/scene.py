@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from .._checks.arguments import described
 from ..model import so3
 from ..model.states import AxisState, RigidState, TravellingState
 from ..model.torques import TorqueLike
@@ -73,13 +74,18 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
         The states, with leading axis `count`, as for `jax.vmap`; the first is the start itself.
 
     Raises:
-        ValueError: `count` is not a positive int, or `size` is negative or not finite.
+        ValueError: `count` is not a positive int, `size` is negative or not finite, or the state is of a custom kind.
     """
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise ValueError(f"count must be a positive Python int, got {count!r}.")
     if not np.isfinite(size) or size < 0:
         raise ValueError(f"size must be finite and not negative, got {size!r}.")
     start = scene.start
+    if not type(start).__module__.startswith("midlie_jax."):
+        raise ValueError(
+            f"the initial state of a scene must be of a kind of midlie_jax, got {described(start)}; call "
+            "midlie_jax.integrate for a custom kind."
+        )
     parts = 4 if isinstance(start, TravellingState) else 2
     changes = size * np.random.default_rng(seed).standard_normal((count, parts, *start.momentum.shape))
     momentum_change, rotation, *travel = (jnp.asarray(changes[1:, i], start.momentum.dtype) for i in range(parts))

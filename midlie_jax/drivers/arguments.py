@@ -28,7 +28,7 @@ from ..integrators.registry import method as find_method
 from ..model.baths.base import HeatBath
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import principal_of
-from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
+from ..model.compatibility import body_named, check_batch, check_body, check_custom, check_state, check_torque
 from ..model.orbits.base import orbits_in
 from ..model.torques import Torque
 from ..model.torques.by_step import check_steps
@@ -92,6 +92,7 @@ def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: 
     if heat is not None:
         heat.check_kind(start, body) if batch else heat.check_on(start, body)
     check_batch("start", body, start, batch)
+    check_custom("start", body, start)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:
             raise ValueError(

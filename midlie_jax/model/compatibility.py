@@ -3,9 +3,11 @@
 Every function raises a ValueError that names the argument.
 """
 
+from dataclasses import fields
 from typing import Any
 
 import equinox as eqx
+import jax
 
 from .._checks.arguments import described, other_arguments
 from .baths.base import HeatBath
@@ -20,6 +22,10 @@ def check_state(name: str, state: Any) -> None:
     """Raises unless the argument is a state whose arrays have the same leading axes."""
     if not isinstance(state, State):
         raise ValueError(f"{name} must be a state such as midlie_jax.RigidState, got {described(state)}.")
+    for field in fields(state):
+        value = getattr(state, field.name)
+        if isinstance(value, list | tuple | float | int):
+            raise ValueError(f"{name}.{field.name} must be an array, got {described(value)}; use jnp.array(...).")
     state.check_batch()
 
 
@@ -38,6 +44,47 @@ def check_body(body: Any, state: AnyState) -> None:
         cure = "" if own else f"; make one with {state.body.namespace}.{kind}"
         cure = order_cure(body) or cure
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
+
+
+def check_custom(name: str, body: Any, state: AnyState) -> None:
+    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses.
+
+    The kinds of this package are not checked, because their constructors check them.
+    """
+    package = __name__.split(".")[0]
+    own = all(type(x).__module__.split(".")[0] == package for x in (body, state))
+    if own or state.own_axes != 1 or state.several:
+        return
+    translation = fields(state)[state.leaves[0].arrays :] if len(state.leaves) > 1 else ()
+    for field in translation:
+        size = getattr(state, field.name).shape[-1:]
+        if size != (3,):
+            raise ValueError(
+                f"{name}.{field.name} must have shape (3,), got {size}. Put variables other than a translation in "
+                "space into the first leaf."
+            )
+    arrays, rest = eqx.partition(body, eqx.is_array)
+
+    def found(arrays: Any, state: AnyState) -> Any:
+        momentum, pose = state.parts()
+        velocity = eqx.combine(arrays, rest).in_principal_axes().inertia().velocity(momentum)
+        return (velocity, momentum), (state.kind.rate(pose, velocity), pose)
+
+    one = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[-1:], x.dtype), state)
+    arrays = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[len(body.batch) :], x.dtype), arrays)
+    velocities, rates = jax.eval_shape(found, arrays, one)
+    kind = type(body).__name__
+    for what, like, (value, wanted), cure in (
+        ("velocity", "momentum", velocities, f"If each body has its own row, define the property {kind}.batch."),
+        ("rate", "pose", rates, "Define `rate` of the leaf, or correct the shapes of the state."),
+    ):
+        got, must = ([leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (value, wanted))
+        if got != must:
+            shape = "" if set(got) == {()} else f" of shape {max(got)}"
+            raise ValueError(
+                f"the {what} of {kind} must be {len(must)} scalars like the {like} of the state, got {len(got)} "
+                f"numbers{shape}. {cure}"
+            )
 
 
 def order_cure(body: Any) -> str:
