@@ -96,7 +96,10 @@ def hessians() -> Iterator[list[str]]:
     def by_hand(x: Any) -> Any:
         def slope(y: Any) -> Any:
             momentum, q = y
-            rate, down = momentum / x[1:], ml.so3.rotate(ml.so3.inverse(q), jnp.array([0.0, 0.0, -1.0]))
+            rate, down = (
+                momentum / x[1:],
+                ml.so3.rotate(q * jnp.array([1.0, -1.0, -1.0, -1.0]), jnp.array([0.0, 0.0, -1.0])),
+            )
             turn = jnp.cross(momentum, rate) + x[0] * jnp.cross(jnp.array([0.0, 0.0, 1.0]), down)
             return turn, 0.5 * ml.so3.multiply(q, jnp.concatenate([jnp.zeros(1), rate]))
 

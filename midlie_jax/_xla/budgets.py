@@ -22,7 +22,9 @@ WRITTEN_ROWS = 16  # of a sum over a table, such as the facets of a surface, wri
 # are also divided.
 LOOP_OPERATIONS, KERNEL_OPERATIONS = 2800, 2000
 DERIVATIVE_OPERATIONS = 2  # of a derivative for each of a step, by `benchmarks/stepper.py gradient`
-LOOP_STAGES = 4  # stages of a tableau that fit one loop under any torque
+# Outputs of a loop. XLA does not fuse a value that more outputs read, and repeats the loop for each such value.
+LOOP_OUTPUTS = 22
+LOOP_STAGES = 2  # stages of a tableau whose derivative fits one loop under any torque
 KERNEL_EVALUATIONS = 16  # of a simple torque that fit one kernel
 VECTOR_NUMBERS = 16  # of a leaf; with fewer, a loop without vectors is not slower
 VECTOR_BODIES = 4  # from this number a vectorised step is faster, although its steps are launched one by one

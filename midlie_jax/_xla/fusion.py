@@ -139,16 +139,18 @@ def _fuse_where(leaves: Sequence[Any], condition: Callable[[Any], bool], use: st
 
 
 def _reduce(*leaves: Array, use: str) -> list[Array]:
-    """The lowering on CPUs: one reduction for all leaves of one shape that vary along the same mesh axes."""
+    """The lowering on CPUs: one reduction for the leaves of one shape that vary along the same mesh axes, or a few."""
     result = list(leaves)
     groups: dict[Any, list[int]] = defaultdict(list)
     for i, leaf in enumerate(() if use in _NOTHING else leaves):
         groups[leaf.shape, axes_of(leaf)].append(i)
-    for indices in groups.values():
-        pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
-        zeros = tuple(jnp.zeros((), leaves[i].dtype) for i in indices)
-        for i, value in zip(indices, jax.lax.reduce(pairs, zeros, lambda first, last: last, (0,)), strict=True):
-            result[i] = value
+    for group in groups.values():
+        loops = -(-len(group) // budgets.LOOP_OUTPUTS)
+        for indices in (group[k::loops] for k in range(loops)):
+            pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
+            zeros = tuple(jnp.zeros((), leaves[i].dtype) for i in indices)
+            for i, value in zip(indices, jax.lax.reduce(pairs, zeros, lambda first, last: last, (0,)), strict=True):
+                result[i] = value
     return _kept_in_vectors(result) if use in (_BEGIN_STEP, _FUSE_STEP) else result
 
 

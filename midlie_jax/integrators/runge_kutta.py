@@ -108,14 +108,16 @@ class RungeKutta(Method):
             most = min(most, budgets.LOOP_STAGES)
 
         def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
-            nonlocal in_loop, in_derivative
+            nonlocal in_loop, in_derivative, system
             alone = evaluations == 1 and per_evaluation > budgets.LONG_TORQUE  # a stage of a tableau reads the others
             ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
             long = in_derivative + evaluations > most
             in_derivative = evaluations if ends or long else in_derivative + evaluations
             fresh = cut(fresh) if ends else fresh
-            return *(fuse_derivative((fresh, older)) if ends or long else (fresh, older)), ends
+            if ends or long:  # the derivatives by the constants of the system are sums over all stages
+                fresh, older, system = fuse_derivative((fresh, older, system))
+            return fresh, older, ends
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
         if isinstance(self.formula, Extrapolation) and self.loops_for(system):
