@@ -92,6 +92,8 @@ class Traced(eqx.Module):
         return cls(read, program), _traits(program.closed, arguments)
 
     def by_entries(self) -> "Traced":
+        if _suits_arrays(self._program.closed):  # the function has its own loops, and its arrays remain arrays
+            return self
         return Traced([_Spread.of(x) if eqx.is_array(x) else x for x in self.constants], self._program)
 
     def takes(self, *arguments: Any) -> bool:
