@@ -87,12 +87,24 @@ class Traced(eqx.Module):
     @classmethod
     def of(cls, function: Callable[..., Any], *arguments: Any) -> "tuple[Traced, Traits]":
         """The function and its traits; it is traced once, with these arguments, and not run."""
-        program = _Program(function, arguments)
-        read = [x for x, is_leaf in zip(program.closed.consts, program.leaves, strict=True) if is_leaf]
-        return cls(read, program), _traits(program.closed, arguments)
+        # By default JAX would look for an earlier trace of the function and compare its arrays.
+        closed, result = jax.make_jaxpr(lambda *given: function(*given), return_shape=True)(*arguments)
+        own = {id(x) for x in jax.tree.leaves(function)}
+        marks = [isinstance(x, Tracer) or id(x) in own for x in closed.consts]
+        constants = [x for x, mark in zip(closed.consts, marks, strict=True) if mark]
+
+        def run(constants: list[Any], leaves: list[Any]) -> list[Any]:
+            given = iter(constants)
+            values = [next(given) if mark else x for x, mark in zip(closed.consts, marks, strict=True)]
+            return run_program(closed, values, leaves)
+
+        # The program must not hold the tracers: it outlives their trace in JAX's caches.
+        program = jax.make_jaxpr(run)(constants, jax.tree.leaves(arguments))
+        known = _Program(program, jax.tree.structure(result), _types(arguments), _suits_arrays(closed))
+        return cls(constants, known), _traits(closed, arguments)
 
     def by_entries(self) -> "Traced":
-        if _suits_arrays(self._program.closed):  # the function has its own loops, and its arrays remain arrays
+        if self._program.on_arrays:  # the function has its own loops, and its arrays remain arrays
             return self
         return Traced([_Spread.of(x) if eqx.is_array(x) else x for x in self.constants], self._program)
 
@@ -101,20 +113,17 @@ class Traced(eqx.Module):
         return _types(arguments) == self._program.types
 
     def __call__(self, *arguments: Any) -> Any:
-        program, given = self._program, iter(self.constants)
-        read = [next(given) if leaf else x for x, leaf in zip(program.closed.consts, program.leaves, strict=True)]
-        constants = [x.array() if isinstance(x, _Spread) else x for x in read]
-        return program.structure.unflatten(run_program(program.closed, constants, jax.tree.leaves(arguments)))
+        closed = self._program.closed
+        constants = [x.array() if isinstance(x, _Spread) else x for x in self.constants]
+        results = run_program(closed, closed.consts, [*constants, *jax.tree.leaves(arguments)])
+        return self._program.structure.unflatten(results)
 
 
 class _Program:
-    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]):
-        # By default JAX would look for an earlier trace of the function and compare its arrays.
-        trace = jax.make_jaxpr(lambda *given: function(*given), return_shape=True)
-        self.closed, result = trace(*arguments)
-        self.types, self.structure = _types(arguments), jax.tree.structure(result)
-        own = {id(x) for x in jax.tree.leaves(function)}
-        self.leaves = [isinstance(x, Tracer) or id(x) in own for x in self.closed.consts]
+    """Compared by identity, as a static field must be."""
+
+    def __init__(self, closed: ClosedJaxpr, structure: Any, types: Any, on_arrays: bool):
+        self.closed, self.structure, self.types, self.on_arrays = closed, structure, types, on_arrays
 
 
 def _types(arguments: tuple[Any, ...]) -> Any:
