@@ -275,11 +275,11 @@ def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("shared", [False, True])
-@pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 1)])
+@pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 2)])
 def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops, shared):
     """Without those that only add up what a step contributes to the derivatives of parameters.
 
-    The same holds for parameters that all bodies share.
+    A long flight has a loop of its own, so that gradients by many parameters do not repeat it. The same holds for parameters that all bodies share.
     """
     moments, weight, _, *rest = parameters(name)
 
