@@ -279,7 +279,8 @@ def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
 def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops, shared):
     """Without those that only add up what a step contributes to the derivatives of parameters.
 
-    A long flight has a loop of its own, so that gradients by many parameters do not repeat it. The same holds for parameters that all bodies share.
+    A long flight has its own loop, so that gradients by many parameters do not repeat it. The same holds for parameters
+    that all bodies share.
     """
     moments, weight, _, *rest = parameters(name)
 
