@@ -98,7 +98,12 @@ def test_a_run_imports_only_the_torques_orbits_and_observables_that_it_reads():
     loaded = set(printed(code).split())
     lazy = ("model.torques.travel", "model.orbits.kepler", "model.baths.recoil", "drivers.observe.spectra")
     assert not loaded & {f"midlie_jax.{name}" for name in (*lazy, "model.densities", "model.surface")}
-    assert len(loaded) < 140  # 131; 152 with all of them
+    assert len(loaded) < 140  # 134; 152 with all of them
+
+
+def test_a_quantity_is_an_observable_of_the_first_statistic():
+    code = "import midlie_jax as ml; print(ml.observe.Histogram(ml.observe.energy, [0.0, 1.0]).observable)"
+    assert printed(code) == "energy\n"
 
 
 @pytest.mark.parametrize("name", ["advice", "drivers/observe", "model/baths", "model/orbits", "model/torques", *ROOMS])

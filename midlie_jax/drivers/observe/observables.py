@@ -9,9 +9,11 @@ import equinox as eqx
 from jax import Array
 
 from ..._checks.arguments import described, require_function
+from ...model import observables
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike
+from ..energy import energy
 
 
 class Observable(eqx.Module):
@@ -73,7 +75,24 @@ class Together(Observable):
         return {name: part.of(t, state, body, torque) for name, part in self.parts.items()}
 
 
-QUANTITIES: dict[Any, Callable[[Any, Any, Any, Any], Any]] = {}
+def _of_state(function: Any) -> Any:
+    return lambda t, state, body, torque: function(state)
+
+
+def _of_body(function: Any) -> Any:
+    return lambda t, state, body, torque: function(body, state)
+
+
+QUANTITIES: dict[Any, Callable[[Any, Any, Any, Any], Any]] = {
+    energy: lambda t, state, body, torque: observables.energy(body, torque, state, t),
+    observables.kinetic_energy: _of_body(observables.kinetic_energy),
+    observables.angular_velocity: _of_body(observables.angular_velocity),
+    observables.spatial_angular_velocity: _of_body(observables.spatial_angular_velocity),
+    observables.linear_velocity: _of_body(observables.linear_velocity),
+    observables.spatial_momentum: _of_state(observables.spatial_momentum),
+    observables.linear_momentum: _of_state(observables.linear_momentum),
+    observables.position: _of_state(observables.position),
+}
 """The functions of a state that a run accepts as `observe`, each as a function of (t, state, body, torque)."""
 
 

@@ -1,4 +1,4 @@
-"""Common observables: the direction of an axis, and functions of a state that a run accepts as `observe`."""
+"""Common observables: the direction of an axis, and Euler angles."""
 
 from typing import Any
 
@@ -9,13 +9,12 @@ from jax import Array
 
 from ..._checks.arguments import shown
 from ..._math import components as cp
-from ...model import observables, so3
+from ...model import so3
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.states import AxisState, FreeAxisState, attitude_of
 from ...model.torques import TorqueLike
-from ..energy import energy
-from .observables import QUANTITIES, Observable
+from .observables import Observable
 
 
 class Axis(Observable):
@@ -79,24 +78,3 @@ class EulerAngles(Observable):
             frame = jnp.asarray(self.frame(t), attitude.dtype)
             attitude = so3.multiply(so3.conjugate(frame), attitude)
         return so3.to_euler(attitude, self.sequence)
-
-
-def _of_state(function: Any) -> Any:
-    return lambda t, state, body, torque: function(state)
-
-
-def _of_body(function: Any) -> Any:
-    return lambda t, state, body, torque: function(body, state)
-
-
-_OF_RUNS: dict[Any, Any] = {
-    energy: lambda t, state, body, torque: observables.energy(body, torque, state, t),
-    observables.kinetic_energy: _of_body(observables.kinetic_energy),
-    observables.angular_velocity: _of_body(observables.angular_velocity),
-    observables.spatial_angular_velocity: _of_body(observables.spatial_angular_velocity),
-    observables.linear_velocity: _of_body(observables.linear_velocity),
-    observables.spatial_momentum: _of_state(observables.spatial_momentum),
-    observables.linear_momentum: _of_state(observables.linear_momentum),
-    observables.position: _of_state(observables.position),
-}
-QUANTITIES.update(_OF_RUNS)
