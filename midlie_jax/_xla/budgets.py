@@ -22,7 +22,7 @@ WRITTEN_ROWS = 16  # of a sum over a table, such as the facets of a surface, wri
 # are also divided.
 LOOP_OPERATIONS, KERNEL_OPERATIONS = 2800, 2000
 DERIVATIVE_OPERATIONS = 2  # of a derivative for each of a step, by `benchmarks/stepper.py gradient`
-# Outputs of a loop. XLA does not fuse a value that more outputs read, and repeats the loop for each such value.
+# Outputs of a loop in a derivative. XLA does not fuse a value that more outputs read, and repeats the loop for it.
 LOOP_OUTPUTS = 22
 LOOP_STAGES = 2  # stages of a tableau whose derivative fits one loop under any torque
 KERNEL_EVALUATIONS = 16  # of a simple torque that fit one kernel

@@ -43,8 +43,9 @@ T = TypeVar("T")
 _BEGIN, _FUSE, _SPLIT, _CUT, _BARRIER = "begin", "fuse", "split", "cut", "barrier"
 _DERIVATIVE, _SECOND = "fuse_derivative", "fuse_second_derivative"
 _BEGIN_STEP, _BEGIN_TANGENTS, _FUSE_STEP = "begin_step", "begin_tangents", "fuse_step"
+_SPLIT_DERIVATIVE = "split_derivative"
 _NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _SECOND, _BARRIER)  # reduce nothing on a CPU
-_PRIMALS = {_DERIVATIVE: _SPLIT, _SECOND: _DERIVATIVE}  # in a derivative, else the use of the primals
+_PRIMALS = {_DERIVATIVE: _SPLIT_DERIVATIVE, _SECOND: _DERIVATIVE}  # in a derivative, else the use of the primals
 _TANGENTS = {**_PRIMALS, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
 _COTANGENTS = {_BEGIN: _FUSE, _BEGIN_TANGENTS: _FUSE_STEP}
 
@@ -145,7 +146,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
     for i, leaf in enumerate(() if use in _NOTHING else leaves):
         groups[leaf.shape, axes_of(leaf)].append(i)
     for group in groups.values():
-        loops = -(-len(group) // budgets.LOOP_OUTPUTS)
+        loops = -(-len(group) // budgets.LOOP_OUTPUTS) if use in (_FUSE_STEP, _SPLIT_DERIVATIVE) else 1
         for indices in (group[k::loops] for k in range(loops)):
             pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
             zeros = tuple(jnp.zeros((), leaves[i].dtype) for i in indices)
