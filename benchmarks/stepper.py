@@ -96,16 +96,13 @@ def hessians() -> Iterator[list[str]]:
     def by_hand(x: Any) -> Any:
         def slope(y: Any) -> Any:
             momentum, q = y
-            rate, down = (
-                momentum / x[1:],
-                ml.so3.rotate(q * jnp.array([1.0, -1.0, -1.0, -1.0]), jnp.array([0.0, 0.0, -1.0])),
-            )
+            rate = momentum / x[1:]
+            down = ml.so3.rotate(q * jnp.array([1.0, -1.0, -1.0, -1.0]), jnp.array([0.0, 0.0, -1.0]))
             turn = jnp.cross(momentum, rate) + x[0] * jnp.cross(jnp.array([0.0, 0.0, 1.0]), down)
             return turn, 0.5 * ml.so3.multiply(q, jnp.concatenate([jnp.zeros(1), rate]))
 
-        momentum, q = jax.lax.scan(
-            lambda y, _: (rk4(slope, y, 0.01), None), (start.momentum, start.attitude), length=100
-        )[0]
+        begin = start.momentum, start.attitude
+        momentum, q = jax.lax.scan(lambda y, _: (rk4(slope, y, 0.01), None), begin, length=100)[0]
         return jnp.sum(momentum**2) + jnp.sum(q**3)
 
     at = jnp.array([20.0, 5.0, 4.0, 1.0])

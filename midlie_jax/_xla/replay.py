@@ -74,8 +74,8 @@ class Traced(eqx.Module):
 
     A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
     the cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array
-    would be computed entry by entry, each time with the whole derivative of the step; a gradient then took up to a
-    thousand times as long as the value.
+    would be computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a
+    thousand times the time of the value.
 
     Attributes:
         constants: the arrays, each as it is or by its entries.
@@ -106,7 +106,7 @@ class Traced(eqx.Module):
     def by_entries(self) -> "Traced":
         if self._program.on_arrays:  # the function has its own loops, and its arrays remain arrays
             return self
-        return Traced([_Spread.of(x) if eqx.is_array(x) else x for x in self.constants], self._program)
+        return Traced(list(map(_Spread.of, self.constants)), self._program)
 
     def takes(self, *arguments: Any) -> bool:
         """Whether the arguments have the types of the trace."""
@@ -139,7 +139,7 @@ class _Spread(eqx.Module):
 
     @classmethod
     def of(cls, array: Array) -> "Array | _Spread":
-        small = array.ndim > 0 and eqx.is_inexact_array(array) and fits(jax.typeof(array))
+        small = eqx.is_inexact_array(array) and array.ndim > 0 and fits(jax.typeof(array))
         return cls(_scalars(array), array.shape) if small else array
 
     def array(self) -> Array:
