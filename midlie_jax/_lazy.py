@@ -33,14 +33,19 @@ def names_of(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
 
 
 ROOMS = ("asteroids", "molecules", "spacecraft", "spins")
-_LISTED = (*ROOMS, "drivers.observe", "model.baths", "model.orbits", "model.torques")
+_LISTED = (
+    *ROOMS,
+    "drivers.observe",
+    "integrators.registry",
+    *(f"model.{own}" for own in ("baths", "orbits", "states", "torques")),
+)
 
 
 def classes_below(base: type) -> list[type]:
     """All loaded subclasses of a class, also those that are imported at their first use."""
     for package in _LISTED:
         module = import_module(f"midlie_jax.{package}")
-        for name in module.__all__:
+        for name in getattr(module, "__all__", ()):
             getattr(module, name)
     return _below(base)
 

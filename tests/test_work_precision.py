@@ -88,7 +88,7 @@ def test_no_squish_is_dlm():
 def test_axes_numbered_anew_are_the_same_motion(name):
     """The torque in space, and the spatial momentum, are what they were."""
     old = scenes.scene(name, "float64")
-    old = replace(old, start=old.start.normalised())
+    old = replace(old, start=old.start.kind.normalised(old.start))
     new = all_scenes.axis_third(old)
     assert new.body.moments[0] == new.body.moments[1]
     for scene_of in (lambda s: s.start.momentum, lambda s: s.torque(jnp.float64(7.0), s.start)):
@@ -100,7 +100,7 @@ def test_axes_numbered_anew_are_the_same_motion(name):
 def test_the_rivals_are_given_the_equations_of_the_scene(name):
     """The rates of their numbers are those of a step of our own equations, of every kind of state."""
     scene = all_scenes.scene(name)
-    start, orbit = scene.start.normalised(), kinds.orbit_of(scene)
+    start, orbit = scene.start.kind.normalised(scene.start), kinds.orbit_of(scene)
     motion = Motion(*start.parts())
     for t in (0.0, 1234.5):
         system = System.of(scene.body, scene.torque, scene.start, jnp.asarray(t))

@@ -84,7 +84,8 @@ def perturbed(start: Any, count: int, size: float) -> Any:
     counts = [3, whole - 3 * (len(norms) - 1), *([3] * (len(norms) - 2))]  # the pose has 3 or 2, vectors have 3
     changes = size * np.repeat(norms, counts) * np.random.default_rng(0).standard_normal((count, whole))
     changes[0] = 0
-    return jax.vmap(start.plus)(jnp.asarray(changes)).normalised()
+    starts = jax.vmap(start.plus)(jnp.asarray(changes))
+    return starts.kind.normalised(starts)
 
 
 def axis_third(scene: Scene) -> Scene:

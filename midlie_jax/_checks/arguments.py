@@ -261,12 +261,11 @@ def is_unit(vectors: np.ndarray) -> Any:
     return np.abs(np.linalg.norm(np.asarray(vectors, np.float64), axis=-1) - 1) < 1e-3
 
 
-def same_batch(**arrays: tuple[Array, int]) -> None:
-    """Raises unless all arrays have the same leading axes; each comes with the number of its trailing axes."""
-    leading = {name: array.shape[: array.ndim - trailing] for name, (array, trailing) in arrays.items()}
-    if len(set(leading.values())) > 1:
-        shapes = " and ".join(f"{name} {array.shape}" for name, (array, _) in arrays.items())
-        raise ValueError(f"{shapes} must have the same leading axes, one entry per body; repeat shared values.")
+def same_batch(shapes: dict[str, tuple[int, ...]], trailing: int) -> None:
+    """Raises unless the shapes of all arrays have the same leading axes, before `trailing` axes of their own."""
+    if len({shape[: len(shape) - trailing] for shape in shapes.values()}) > 1:
+        named = " and ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"{named} must have the same leading axes, one entry per body; repeat shared values.")
 
 
 def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:

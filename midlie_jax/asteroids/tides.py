@@ -13,8 +13,7 @@ from .._checks.arguments import as_not_negative, as_positive, vector_at
 from .._math import components as cp
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
-from ..model.state import AnyState, Time
-from ..model.torques.fields import require_all_directions
+from ..model.state import AnyState, Time, require_all_directions
 from ..model.torques.reads_body import ReadsBody
 from ..model.torques.travel import G_TIMES_MASS, travelling
 from ..model.wrench import Wrench

@@ -159,7 +159,7 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
         a + weights[0] * (b - a) + weights[1] * c + weights[2] * d
         for a, b, c, d in zip(start, end, slope0, slope1, strict=True)
     ]
-    return jax.tree.unflatten(jax.tree.structure(y0), leaves).normalised()
+    return y0.kind.normalised(jax.tree.unflatten(jax.tree.structure(y0), leaves))
 
 
 def _weights(s: Array) -> tuple[Array, Array, Array]:

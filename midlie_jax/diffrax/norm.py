@@ -42,7 +42,7 @@ class RotationNorm(eqx.Module):
     def __call__(self, error: Any) -> Array:
         (state, *_) = [x for x in jax.tree.leaves(error, is_leaf=_is_state) if _is_state(x)]
         units = self.momentum, self.angle, self.linear, self.position
-        return reduce(jnp.maximum, (size / unit for size, unit in zip(state.sizes(), units, strict=False)))
+        return reduce(jnp.maximum, (size / unit for size, unit in zip(state.kind.sizes(state), units, strict=False)))
 
 
 def _is_state(part: Any) -> bool:

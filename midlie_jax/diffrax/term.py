@@ -142,9 +142,9 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
         raise ValueError(
             "diffrax would lose the low parts of a CompensatedState; use a RigidState, or midlie_jax.integrate."
         )
-    if y.constant_steps:
+    if y.kind.constant_steps:
         raise ValueError(
-            f"diffrax does not support {y.constant_steps}; use midlie_jax.integrate, ensemble or simulate."
+            f"diffrax does not support {y.kind.constant_steps}; use midlie_jax.integrate, ensemble or simulate."
         )
     check_body(body, y)
     if method is not None:

@@ -24,7 +24,6 @@ from .._checks.arguments import (
 from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
 from ..integrators.base import Method
-from ..integrators.registry import method as find_method
 from ..model.baths.base import HeatBath
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import principal_of
@@ -38,10 +37,13 @@ LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
 def as_method(method: Any) -> Method:
     """The argument itself if it is a method, or the method of that name; otherwise raises a ValueError."""
-    result = find_method(method) if isinstance(method, str) else method
-    if not isinstance(result, Method):
+    if isinstance(method, str):
+        from ..integrators import registry  # at the first name: the drivers know no particular method
+
+        return registry.method(method)
+    if not isinstance(method, Method):
         raise ValueError(f"method must be a name or come from midlie_jax.method(name), got {described(method)}.")
-    return result
+    return method
 
 
 def check_system(

@@ -240,13 +240,13 @@ def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: An
 
 
 def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any:
-    return torque_rows(torque, torque_axes, body, bool(start.batch_of(body)), start, start.momentum.shape[0])
+    return torque_rows(torque, torque_axes, body, bool(start.kind.batch_of(body)), start, start.momentum.shape[0])
 
 
 def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
     """For each leaf of the arguments, whether it has one row per body."""
     body, torque, start, dt, t0 = arguments
-    own_body, count = bool(start.batch_of(body)), start.momentum.shape[0]
+    own_body, count = bool(start.kind.batch_of(body)), start.momentum.shape[0]
     rows = (
         jax.tree.map(lambda _: own_body, body),
         _rows_of_torque(body, torque, start, torque_axes),

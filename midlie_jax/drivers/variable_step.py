@@ -203,9 +203,9 @@ def integrate_variable_step(
     state: Any = start if carried is None else _state_of(carried, t0, rho)
     refused = "integrate_variable_step chooses its steps by the state, and in a heat bath that would bias averages"
     method = check_system(as_method(method), body, torque, state, bath=refused)
-    if state.constant_steps:
+    if state.kind.constant_steps:
         raise ValueError(
-            f"{state.constant_steps} run with a constant step; use midlie_jax.integrate, ensemble or simulate."
+            f"{state.kind.constant_steps} run with a constant step; use midlie_jax.integrate, ensemble or simulate."
         )
     if not method.symmetric:
         raise ValueError(

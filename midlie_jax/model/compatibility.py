@@ -14,7 +14,6 @@ from .baths.base import HeatBath
 from .bodies import principal_of
 from .free_body import FreeBody
 from .state import AnyState, State
-from .states import TravellingState
 from .torques import Torque, terms_of
 
 
@@ -26,15 +25,15 @@ def check_state(name: str, state: Any) -> None:
         value = getattr(state, field.name)
         if isinstance(value, list | tuple | float | int):
             raise ValueError(f"{name}.{field.name} must be an array, got {described(value)}; use jnp.array(...).")
-    state.check_batch()
+    state.__check_init__()
 
 
 def check_body(body: Any, state: AnyState) -> None:
     """Raises unless the body is of the kind to which the state belongs."""
     if not state.belongs_to(principal_of(body)):
-        kind = state.body.__name__
-        if isinstance(state, TravellingState) and isinstance(body, FreeBody):
-            of = state.rotation.body.__name__
+        kind, rotation = state.body.__name__, getattr(state, "rotation", None)
+        if rotation is not None and isinstance(body, FreeBody):
+            of = rotation.body.__name__
             made = f"FreeBody(midlie_jax.{of}(...), mass)"
             raise ValueError(
                 f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a "

@@ -12,7 +12,7 @@ from jax import Array
 from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require, vector_at
 from .._math import components as cp
 from .horizon import open_sky
-from .state import AnyState, Time
+from .state import AnyState, Time, require_all_directions
 from .surface import Surface
 
 Direction = Array | Callable[[Any], Array]
@@ -44,8 +44,8 @@ def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
 
 def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
     """The unit vector in body components; a ValueError if the state does not hold it."""
-    if callable(direction) and state.fixed_direction() is not None:
-        raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
+    if callable(direction):
+        require_all_directions(state)
     return state.seen_from_body(directed(name, direction, t))
 
 

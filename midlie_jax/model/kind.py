@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from itertools import islice, repeat
+from itertools import chain, islice, repeat
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._checks.arguments import same_batch
 from .._math import components as cp
 from .._xla.replay import Packed, Traits, by_components
 from .exposure import InBody
@@ -31,12 +32,14 @@ class Kind:
         leaves: their leaves.
         several: whether momentum and pose hold coupled bodies.
         apart: whether a torque is evaluated on arrays and compiled separately from the step.
+        constant_steps: for states that only drivers with constant steps move, what they hold, such as "spins".
     """
 
     of: type[Any]
     leaves: Leaves
     several: ClassVar[bool] = False
     apart: ClassVar[bool] = False
+    constant_steps: ClassVar[str | None] = None
 
     @property
     def has_pose(self) -> bool:
@@ -70,15 +73,21 @@ class Kind:
         """The constants of the body, and the quaternion of its frame, in the form of the momentum."""
         return inertia, frame
 
+    # Shapes
+
+    def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
+        """Raises a ValueError unless the arrays of a state, with these shapes, have the same batch axes."""
+        same_batch(shapes, self.of.own_axes)
+
+    def batch_of(self, body: Any) -> tuple[int, ...]:
+        """The sizes of those leading axes of a body that are a batch rather than an axis of coupled bodies."""
+        return body.batch
+
     # Components and arrays
 
     def parts(self, state: Any) -> tuple[Any, Any]:
         """(momentum, pose) of a state."""
-        arrays = [getattr(state, field.name) for field in fields(self.of)]
-        pairs = [
-            (leaf.components(momentum), leaf.pose(*pose))
-            for leaf, (momentum, *pose) in zip(self.leaves, by_leaf(self.leaves, arrays), strict=True)
-        ]
+        pairs = [(leaf.components(momentum), leaf.pose(*pose)) for leaf, (momentum, *pose) in self._arrays(state)]
         return pairs[0] if len(pairs) == 1 else both(*pairs)
 
     def join(self, momentum: Any, pose: Any) -> Any:
@@ -97,6 +106,22 @@ class Kind:
     def of_arrays(self, momentum: Any, pose: Any) -> Any:
         """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
         return self.join(*self.components((momentum, pose)))
+
+    def normalised(self, state: Any) -> Any:
+        """The state with unit vectors and quaternions rescaled to length one, for interpolated arrays."""
+        arrays = chain.from_iterable(leaf.normalised(*own) for leaf, own in self._arrays(state))
+        return self.of.unchecked(**{field.name: x for field, x in zip(fields(self.of), arrays, strict=True)})
+
+    def sizes(self, difference: Any) -> tuple[Array, ...]:
+        """For a small difference of two states: the size of its momentum, and the size of the rest, in radians.
+
+        For a state that translates, the sizes of linear momentum and position follow.
+        """
+        return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in self._arrays(difference)))
+
+    def _arrays(self, state: Any) -> Iterable[tuple[type[Leaf], tuple[Array, ...]]]:
+        arrays = [getattr(state, field.name) for field in fields(self.of)]
+        return zip(self.leaves, by_leaf(self.leaves, arrays), strict=True)
 
     # Torques
 

@@ -3,6 +3,7 @@
 All except the energy also accept many bodies with many states each. For the energy, the drivers handle shared torques.
 """
 
+from dataclasses import fields
 from typing import Any
 
 import jax
@@ -18,8 +19,7 @@ from .bodies import Body, principal_of
 from .compatibility import check_body, check_state, check_torque
 from .free_body import Momenta
 from .rotor import SymmetricRotor
-from .state import AnyState, State
-from .states import OrientedState, TravellingState, attitude_of
+from .state import AnyState, State, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
@@ -81,7 +81,7 @@ def energy(
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
     check_body(body, state)
     check_torque(torque)
-    if state.batch_of(body):
+    if state.kind.batch_of(body):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
     batch = _batch_shape(state, path_shape)
@@ -159,7 +159,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
     return so3.rotate(attitude_of(state), velocity)
 
 
-def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
+def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
 
     It is R Pi for a body that rotates about a fixed point, and x cross p + R Pi for a body that translates; the
@@ -194,7 +194,7 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
         >>> ml.observe.linear_momentum(thrown)
         Array([12.,  0.,  9.], dtype=float64)
     """
-    linear = _travelling(state).linear
+    linear = _translation(state)[0]
     return jnp.sum(linear, axis=-2) if state.several else linear
 
 
@@ -215,7 +215,7 @@ def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
         >>> ml.observe.linear_velocity(brick, thrown)
         Array([4., 0., 3.], dtype=float64)
     """
-    _travelling(state)
+    _translation(state)
     return _velocity(body, state).linear
 
 
@@ -234,13 +234,15 @@ def position(state: AnyState) -> Float[Array, "*batch 3"]:
         >>> ml.observe.position(thrown)
         Array([0. , 0. , 1.5], dtype=float64)
     """
-    return _travelling(state).position
+    return _translation(state)[1]
 
 
-def _travelling(state: Any) -> Any:
-    if not isinstance(state, TravellingState):
+def _translation(state: Any) -> tuple[Array, Array]:
+    """Momentum and position of the leaf after the rotation."""
+    if not isinstance(state, State) or len(state.leaves) < 2:
         raise ValueError(f"a {type(state).__name__} does not translate; use a FreeState or a FreeAxisState.")
-    return state
+    linear, place = (getattr(state, field.name) for field in fields(state)[state.leaves[0].arrays :])
+    return linear, place
 
 
 def _velocity(body: Body, state: AnyState) -> Any:
@@ -265,7 +267,7 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     Raises:
         ValueError: the states do not have one row for each body.
     """
-    bodies = state.batch_of(body)
+    bodies = state.kind.batch_of(body)
     if not bodies:
         return 0
     states = state.batch

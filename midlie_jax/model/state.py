@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_floats, described, same_batch
+from .._checks.arguments import as_floats, described
 from .._checks.brief_help import BriefHelp
 from .._math import components as cp
 from .bodies import Body
 from .kind import Kind, Leaves, by_leaf
-from .leaf import Described
+from .leaf import Described, needs_attitude
 
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
 Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
@@ -38,10 +38,8 @@ class State(eqx.Module, metaclass=BriefHelp):
         momentum: the momentum of the first leaf. All arrays have its dtype and leading axes.
         body: the kind of body that this state belongs to.
         leaves: the leaves, in the order of their fields: for each leaf its momentum, then its pose.
-        own_axes: the number of trailing axes of each array that belong to one body; the others are a batch. 0 if the
-            number is not fixed.
-        several: whether it holds coupled bodies, with an axis (N,) in each array.
-        constant_steps: for a state that only drivers with constant steps move, what it holds, such as "spins".
+        own_axes: the number of trailing axes of each array that belong to one state: 1 for one body, 2 for coupled
+            bodies, 0 if the number is not fixed. The others are a batch.
 
     Examples:
         >>> start = ml.RigidState([0.0, 0.0, 50.0], [1.0, 0.0, 0.0, 0.0])
@@ -54,19 +52,19 @@ class State(eqx.Module, metaclass=BriefHelp):
     body: ClassVar[type]
     leaves: ClassVar[Leaves]
     own_axes: ClassVar[int] = 1
-    several: ClassVar[bool] = False
-    constant_steps: ClassVar[str | None] = None
+
+    def __check_init__(self) -> None:
+        self.kind.check_shapes({field.name: np.shape(getattr(self, field.name)) for field in fields(self)})
 
     @property
     def kind(self) -> Kind:
         """How a run moves states of this class."""
         return Kind(type(self), self.leaves)
 
-    @classmethod
-    def require_own(cls, body: Any) -> None:
-        """Raises unless these states belong to the body."""
-        if not (isinstance(body, Body) and cls.belongs_to(body.in_principal_axes())):
-            raise ValueError(f"body must be a {cls.body.__name__} for a {cls.__name__}, got {described(body)}.")
+    @property
+    def several(self) -> bool:
+        """Whether it holds coupled bodies, with an axis (N,) in each array."""
+        return self.own_axes == 2
 
     @classmethod
     def from_velocity(cls, body: Any, velocity: Any, *others: Any) -> Any:
@@ -90,7 +88,7 @@ class State(eqx.Module, metaclass=BriefHelp):
             >>> thrown.linear
             Array([12.,  0.,  9.], dtype=float64)
         """
-        cls.require_own(body)
+        require_own(body, cls)
         made: Any = cls
         return made(body.momentum(as_floats("velocity", velocity)), *others)
 
@@ -148,16 +146,6 @@ class State(eqx.Module, metaclass=BriefHelp):
         """The angular momentum in the space frame, about its origin, (..., 3); a ValueError without an attitude."""
         return self.leaves[0].spatial_momentum(self, *self._by_leaf()[0])
 
-    def fixed_direction(self) -> cp.Vector | None:
-        """The space direction that the state holds, in body components; None if it holds all directions or none."""
-        return None
-
-    def normalised(self: "StateT") -> "StateT":
-        """The state with unit vectors and quaternions rescaled to length one, for interpolated arrays."""
-        each = zip(self.leaves, self._by_leaf(), strict=True)
-        arrays = chain.from_iterable(leaf.normalised(*own) for leaf, own in each)
-        return self.unchecked(**{field.name: x for field, x in zip(fields(self), arrays, strict=True)})
-
     def plus(self: "StateT", increment: Array) -> "StateT":
         """The state moved by an increment (..., k): for each leaf the change of the momentum, then of the pose.
 
@@ -179,14 +167,6 @@ class State(eqx.Module, metaclass=BriefHelp):
         increments = [leaf.minus(own, before) for leaf, own, before in each]
         return increments[0] if len(increments) == 1 else jnp.concatenate(increments, axis=-1)
 
-    def sizes(self) -> tuple[Array, ...]:
-        """For a small difference of two states: the size of its momentum, and the size of the rest, in radians.
-
-        For a state that translates, the sizes of linear momentum and position follow.
-        """
-        each = zip(self.leaves, self._by_leaf(), strict=True)
-        return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in each))
-
     @classmethod
     def described(cls) -> dict[str, Described]:
         """For files: for each field, the name of its last dimension, and its long_name, units and frame."""
@@ -199,14 +179,27 @@ class State(eqx.Module, metaclass=BriefHelp):
         shape = self.momentum.shape
         return shape[: -self.own_axes] if self.own_axes else ()
 
-    def batch_of(self, body: Any) -> tuple[int, ...]:
-        """The sizes of those leading axes of a body that are a batch rather than an axis of coupled bodies."""
-        return body.batch[:-1] if self.several else body.batch
-
-    def check_batch(self) -> None:
-        """Raises a ValueError unless all arrays have the same batch axes."""
-        same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
-
 
 AnyState = State
 StateT = TypeVar("StateT", bound=State)  # the class of the states of a run
+
+
+def require_own(body: Any, states: type[State]) -> None:
+    """Raises unless states of this class belong to the body."""
+    if not (isinstance(body, Body) and states.belongs_to(body.in_principal_axes())):
+        raise ValueError(f"body must be a {states.body.__name__} for a {states.__name__}, got {described(body)}.")
+
+
+def attitude_of(state: AnyState) -> Array:
+    """The attitude (..., 4) of a state; a ValueError without one."""
+    if not hasattr(state, "attitude"):
+        raise needs_attitude(state)
+    attitude: Array = getattr(state, "attitude")  # noqa: B009
+    return attitude
+
+
+def require_all_directions(state: AnyState) -> Any:
+    """The state; a ValueError for a `DirectionState`, which holds one direction only."""
+    if hasattr(state, "direction"):
+        raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
+    return state

@@ -12,8 +12,8 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
-from ..model.states import Coupled, OrientedState, TravellingState
-from .motion import motion_of, path_of_one
+from ..model.states import Coupled, TravellingState
+from .motion import OrientedState, motion_of, path_of_one
 from .style import BLUE, FEW, GREY, colours_of, is_3d, name_in_legend, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so

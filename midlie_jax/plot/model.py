@@ -16,10 +16,11 @@ from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
-from ..model.states import AxisState, Coupled, OrientedState, TravellingState, attitude_of
+from ..model.state import attitude_of
+from ..model.states import AxisState, Coupled, TravellingState
 from ..model.surface import Surface
 from .curves import as_axis, limits_around
-from .motion import Motion, motion_of, path_of_one, slerp, to_matrix
+from .motion import Motion, OrientedState, motion_of, path_of_one, slerp, to_matrix
 from .solids import CORNER, CORNERS, Shape, shape_of
 from .style import BLUE, FEW, ORANGE, SKY, VERMILLION, colours_of
 

@@ -11,8 +11,11 @@ from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import Body
 from ..model.compatibility import check_body
-from ..model.state import AnyState, State
-from ..model.states import AxisState, Coupled, TravellingState, attitude_of
+from ..model.state import AnyState, State, attitude_of
+from ..model.states import AxisState, Coupled, RigidState, TravellingState
+
+# States with an axis of the body in space.
+OrientedState = RigidState | AxisState | TravellingState
 
 # Compiled, because a picture calls them for each body.
 slerp, to_matrix = jax.jit(so3.slerp), jax.jit(so3.to_matrix)

@@ -179,4 +179,5 @@ def _interpolated(t: Array, times: Array, states: Any) -> Any:
     own = jnp.eye(_NEIGHBOURS, dtype=bool)
     factors = (t - times)[None, :] / jnp.where(own, 1, times[:, None] - times[None, :])
     weights = jnp.prod(jnp.where(own, 1, factors), axis=1)
-    return jax.tree.map(lambda leaf: jnp.tensordot(weights, leaf, axes=1), states).normalised()
+    between = jax.tree.map(lambda leaf: jnp.tensordot(weights, leaf, axes=1), states)
+    return between.kind.normalised(between)

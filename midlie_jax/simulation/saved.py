@@ -166,7 +166,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         if name not in arrays:
             return None
         values = _read(source, arrays[name], ...)
-        return values[body] if values.ndim > axes + kind.several else values
+        return values[body] if values.ndim > axes + (kind.own_axes == 2) else values
 
     def lacks(what: str) -> ValueError:
         return ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")

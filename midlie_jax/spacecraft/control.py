@@ -14,8 +14,7 @@ from jaxtyping import Float
 from .._checks.arguments import as_finite, as_floats, is_unit, require, require_function, vector_at
 from .._math import components as cp
 from ..model import so3
-from ..model.state import AnyState, Time
-from ..model.states import attitude_of
+from ..model.state import AnyState, Time, attitude_of
 from ..model.torques.friction import as_gain
 from ..model.torques.reads_body import ReadsVelocity, knows_axis_alone
 from ..model.torques.travel import acts_on_one

@@ -12,9 +12,8 @@ from .._math import components as cp
 from ..model.bodies import RigidBody, TensorBody
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
-from ..model.state import AnyState, Time
+from ..model.state import AnyState, Time, require_all_directions
 from ..model.torques.base import Torque
-from ..model.torques.fields import require_all_directions
 from ..model.torques.reads_body import ReadsBody
 from ..model.torques.travel import G_TIMES_MASS
 

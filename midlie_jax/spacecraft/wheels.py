@@ -16,8 +16,7 @@ from .._checks.arguments import as_count, as_finite, as_not_negative, require
 from .._math import components as cp
 from ..drivers.stepper import Carry, Stepper
 from ..model import so3
-from ..model.state import AnyState
-from ..model.states import attitude_of
+from ..model.state import AnyState, attitude_of
 
 
 class DrivenWheels(eqx.Module):

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from .._checks.arguments import as_finite, is_unit, require
 from .._math import components as cp
 from .._xla.fusion import split
-from ..model.bodies import Body
 from ..model.kind import Kind, Leaves
 from ..model.leaf import Described, Flat, NoPose
 from ..model.state import State
@@ -49,6 +48,17 @@ class Spin(Flat, NoPose):
 
 class OnLattice(Kind):
     """The spins of a lattice in a run."""
+
+    constant_steps: ClassVar[str | None] = "spins"
+
+    def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
+        if 0 in shapes["spin"]:
+            raise ValueError(
+                f"spin must hold at least one spin, got shape {shapes['spin']}; give no axis the length 0."
+            )
+
+    def batch_of(self, body: Any) -> tuple[int, ...]:
+        return ()
 
     @property
     def momenta(self) -> tuple[str, ...]:
@@ -97,7 +107,6 @@ class SpinState(State):
     body: ClassVar[type] = Spins
     leaves: ClassVar[Leaves] = (Spin,)
     own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
-    constant_steps: ClassVar[str | None] = "spins"
 
     def __init__(self, spin: Any):
         self.spin = as_finite("spin", spin, (3,))
@@ -109,12 +118,6 @@ class SpinState(State):
             "divide it by its norm, and put its magnitude into the coefficients of the energy.",
         )
 
-    def check_batch(self) -> None:
-        if 0 in self.spin.shape:
-            raise ValueError(
-                f"spin must hold at least one spin, got shape {self.spin.shape}; give no axis the length 0."
-            )
-
     @property
     def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The spin, which a run integrates like the momentum of a body."""
@@ -123,7 +126,3 @@ class SpinState(State):
     @property
     def kind(self) -> Kind:
         return OnLattice(type(self), self.leaves)
-
-    def batch_of(self, body: Body) -> tuple[int, ...]:
-        del body
-        return ()

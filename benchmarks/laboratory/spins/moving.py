@@ -194,7 +194,8 @@ def skyrmion_states(size: int = SIZE, time: float = TIME, frames: int = FRAMES, 
     still = ml.integrate(
         method, ml.spins.Spins(RELAXING), _torque(size, 0.0), guess(size), dt=DT, steps=relaxing, save_every=relaxing
     )
-    start = ml.spins.SpinState(still.states.spin[-1]).normalised()
+    last = still.states.spin[-1]
+    start = ml.spins.SpinState(last / jnp.linalg.norm(last, axis=-1, keepdims=True))
     every = max(1, round(time / DT) // frames)
     path = ml.integrate(
         method, ml.spins.Spins(MOVING), _torque(size, GRADIENT), start, dt=DT, steps=every * frames, save_every=every

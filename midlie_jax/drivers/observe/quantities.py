@@ -11,8 +11,8 @@ from ..._checks.arguments import shown
 from ..._math import components as cp
 from ...model import so3
 from ...model.bodies import Body
-from ...model.state import AnyState
-from ...model.states import AxisState, FreeAxisState, attitude_of
+from ...model.state import AnyState, attitude_of
+from ...model.states import AxisState, FreeAxisState
 from ...model.torques import TorqueLike
 from .observables import Observable
 

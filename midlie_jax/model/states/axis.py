@@ -144,7 +144,6 @@ class AxisState(State):
     def __init__(self, momentum: Any, axis: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         self.axis = as_floats("axis", axis, (3,))
-        self.check_batch()
         require_finite("momentum", self.momentum)
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
 

@@ -34,6 +34,22 @@ class SideBySide(Kind):
     several: ClassVar[bool] = True
     apart: ClassVar[bool] = True
 
+    def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
+        for name, shape in shapes.items():
+            if len(shape) < 2 or not shape[-2]:
+                own = sum(shape[-1:])
+                raise ValueError(
+                    f"{name} must be (..., N, {own}) for N bodies, got {shape}; for one body use a "
+                    f"{self.of.member().__name__}."
+                )
+        super().check_shapes(shapes)
+        counts = {name: shape[-2] for name, shape in shapes.items()}
+        if len(set(counts.values())) > 1:
+            raise ValueError(f"the arrays must have one number N of bodies, got {counts}.")
+
+    def batch_of(self, body: Any) -> tuple[int, ...]:
+        return body.batch[:-1]
+
     def of_run(self, state: Any, torque: Traits | None) -> Kind:
         """Unrolled into scalars for few bodies and a short function."""
         short = torque is None or (torque.on_scalars and torque.scalars <= budgets.UNROLLED_OPERATIONS)
@@ -51,7 +67,6 @@ class Coupled(State):
     """Common part of the states of coupled bodies, mixed into a one-body state: `class Pairs(Coupled, RigidState)`."""
 
     own_axes: ClassVar[int] = 2
-    several: ClassVar[bool] = True
 
     @classmethod
     def member(cls) -> type[Any]:
@@ -78,19 +93,6 @@ class Coupled(State):
     def of_body(self, i: Any) -> Any:
         """The state of body i alone, such as a `FreeState`; for slice(None), the states of all bodies as a batch."""
         return self.member().unchecked(**{name: getattr(self, name)[..., i, :] for name in self.described()})
-
-    def check_batch(self) -> None:
-        for name in self.described():
-            shape = getattr(self, name).shape
-            if len(shape) < 2 or not shape[-2]:
-                raise ValueError(
-                    f"{name} must be (..., N, {shape[-1]}) for N bodies, got {shape}; for one body use a "
-                    f"{self.member().__name__}."
-                )
-        super().check_batch()
-        counts = {name: getattr(self, name).shape[-2] for name in self.described()}
-        if len(set(counts.values())) > 1:
-            raise ValueError(f"the arrays must have one number N of bodies, got {counts}.")
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         raise _acts_on_one()

@@ -69,9 +69,5 @@ class DirectionState(State):
     def __init__(self, momentum: Any, direction: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         self.direction = as_floats("direction", direction, (3,))
-        self.check_batch()
         require_finite("momentum", self.momentum)
         require("direction", self.direction, is_unit, "must be a unit vector", "divide it by its norm.")
-
-    def fixed_direction(self) -> cp.Vector:
-        return cp.vector(self.direction)

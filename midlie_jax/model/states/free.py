@@ -12,7 +12,7 @@ from ..._math import components as cp
 from ..free_body import FreeBody
 from ..kind import Leaves
 from ..leaf import Described, Leaf
-from ..state import State
+from ..state import State, require_own
 from .axis import Axis, AxisState
 from .rigid import RigidState, Rotation
 
@@ -75,7 +75,7 @@ class TravellingState(State):
     @classmethod
     def from_velocity(cls, body: Any, velocity: Any, *others: Any) -> Any:
         orientation, linear, *position = others
-        cls.require_own(body)
+        require_own(body, cls)
         rotation = cls.rotation.from_velocity(body.turning, velocity, orientation)
         momentum = jnp.asarray(body.mass)[..., None] * as_floats("linear", linear, (3,))
         made: Any = cls
@@ -130,7 +130,6 @@ class FreeState(TravellingState):
         turning = RigidState(momentum, attitude)
         self.momentum, self.attitude = turning.momentum, turning.attitude
         self.linear, self.position = _checked_travel(linear, position)
-        self.check_batch()
 
 
 class FreeAxisState(TravellingState):
@@ -165,7 +164,6 @@ class FreeAxisState(TravellingState):
         turning = AxisState(momentum, axis)
         self.momentum, self.axis = turning.momentum, turning.axis
         self.linear, self.position = _checked_travel(linear, position)
-        self.check_batch()
 
     @classmethod
     def of(cls, state: FreeState) -> "FreeAxisState":

@@ -12,8 +12,8 @@ from ..._math import components as cp
 from .. import so3
 from ..bodies import RigidBody
 from ..kind import Leaves
-from ..leaf import BodyLeaf, Described, needs_attitude
-from ..state import AnyState, State
+from ..leaf import BodyLeaf, Described
+from ..state import State
 from .length import length_correction
 from .momentum import BODY_MOMENTUM
 
@@ -121,21 +121,8 @@ class RigidState(State):
     def __init__(self, momentum: Any, attitude: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         self.attitude = as_floats("attitude", attitude, (4,))
-        self.check_batch()
         require_finite("momentum", self.momentum)
         require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
-
-
-def with_attitude(state: AnyState) -> Any:
-    """The argument if it is a state with an attitude; a ValueError for any other state."""
-    if not hasattr(state, "attitude"):
-        raise needs_attitude(state)
-    return state
-
-
-def attitude_of(state: AnyState) -> Array:
-    """The attitude (..., 4) of a state; a ValueError without one."""
-    return with_attitude(state).attitude
 
 
 @jax.custom_jvp

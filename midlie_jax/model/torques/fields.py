@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_finite, as_function_of_time, is_unit, require, vector_at
 from ..._math import components as cp
-from ..state import AnyState, Time
+from ..state import AnyState, Time, require_all_directions
 from .base import Torque
 
 
@@ -129,10 +129,3 @@ def to_body_components(name: str, vector: Array | Callable[[Any], Array], t: Tim
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector_at(name, vector, t)))
     return state.seen_from_body(cp.vector(vector))
-
-
-def require_all_directions(state: AnyState) -> Any:
-    """The state; a ValueError for a `DirectionState`, which holds one direction only."""
-    if state.fixed_direction() is not None:
-        raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
-    return state

@@ -75,7 +75,7 @@ class FromPotential(Torque):
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """The direction of a `DirectionState`, because the potential depends on nothing else."""
-        return state.fixed_direction()
+        return cp.vector(state.direction) if hasattr(state, "direction") else None
 
 
 class VelocityDependent(Torque):

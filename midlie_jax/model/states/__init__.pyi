@@ -1,0 +1,16 @@
+"""The kinds of state, each with the file that it is from."""
+
+from .axis import AxisState as AxisState
+from .compensated import CompensatedState as CompensatedState
+from .coupled import Coupled as Coupled
+from .coupled import CoupledAxisState as CoupledAxisState
+from .coupled import CoupledFreeAxisState as CoupledFreeAxisState
+from .coupled import CoupledRigidState as CoupledRigidState
+from .coupled import CoupledState as CoupledState
+from .direction import DirectionState as DirectionState
+from .free import FreeAxisState as FreeAxisState
+from .free import FreeState as FreeState
+from .free import TravellingState as TravellingState
+from .momentum import MomentumState as MomentumState
+from .particles import ParticleState as ParticleState
+from .rigid import RigidState as RigidState
