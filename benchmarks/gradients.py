@@ -74,10 +74,10 @@ def each():
         return [label, adjoint, f"{both / value:.1f}", nanoseconds, f"{calls[1].seconds:.0f} s"]
 
     for name in METHODS:
-        for adjoint in (ml.Checkpointed(every=1), ml.Reversible()):
+        for adjoint in (ml.adjoints.Checkpointed(every=1), ml.adjoints.Reversible()):
             ends = [ours(name, adjoint, n, n) for n in LONG]
             gradients = [compiled(jax.grad(end), PARAMETERS, SCENE.start, options={}) for end in ends]
-            label = "`Reversible()`" if isinstance(adjoint, ml.Reversible) else "`Checkpointed(every=1)`"
+            label = "`Reversible()`" if isinstance(adjoint, ml.adjoints.Reversible) else "`Checkpointed(every=1)`"
             sizes = [f"{gradient.memory / 1e3:.0f} kB" for gradient in gradients]
             yield [*row(name, label, ours(name, adjoint, STEPS, STEPS), compiler_options(BODIES)), *sizes]
     yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5, vector_width_options()), *("" for _ in LONG)]
@@ -88,7 +88,7 @@ def summed(end, starts):
 
 
 def sums():
-    adjoints = {"`Checkpointed()`": ml.Checkpointed(), "`Reversible()`": ml.Reversible()}
+    adjoints = {"`Checkpointed()`": ml.adjoints.Checkpointed(), "`Reversible()`": ml.adjoints.Reversible()}
     for steps, bodies in SIZES:
         starts = scenes.perturbed(SCENE, bodies, 1e-3)
         for name in METHODS:

@@ -45,7 +45,6 @@ EXPLAINED = {
     ],
     "solids.md": ["Particle"],
     "conventions.md": [
-        "joined",
         *("RigidBody", "TensorBody", "RigidState", "MomentumState", "DirectionState", "CompensatedState", "RESULTS"),
         *("observe.angular_velocity", "observe.spatial_", "Path"),
     ],
@@ -53,11 +52,11 @@ EXPLAINED = {
         *("method", "recommend", "check", "advice.", "integrate_variable_step"),
         "densities.",
     ],
-    "gradients.md": ["Checkpointed", "Reversible", "Forward"],
+    "gradients.md": ["adjoints."],
     "ensembles.md": ["ensemble", "simulate", "simulation."],
     "scatter.md": ["scatter"],
     "orbits.md": ["orbits.", "densities.OrbitalDistance", "spacecraft.GravityGradient", "asteroids.tumb"],
-    "extending.md": ["Body", "State", "flights.Flight", "flights.Inertia", "schemes.Scheme", "torques.Torque"],
+    "extending.md": ["base.", "flights.Flight", "flights.Inertia", "schemes.Scheme", "torques.Torque"],
 }
 _TOPIC = re.compile(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 # A paragraph that is a list of names.

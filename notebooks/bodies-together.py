@@ -102,7 +102,7 @@ def last_libration(factor):
     """The libration after two days if the largest moment of the moon is multiplied by a factor."""
     moments = binary.body.moments.at[1, 2].multiply(factor)
     body = ml.FreeBody(ml.RigidBody(moments), binary.mass)
-    end = ml.integrate(METHOD, body, gravity, start, dt=120.0, steps=1440, adjoint=ml.Forward())
+    end = ml.integrate(METHOD, body, gravity, start, dt=120.0, steps=1440, adjoint=ml.adjoints.Forward())
     return libration(jax.tree.map(lambda x: x[-1], end.states))
 
 

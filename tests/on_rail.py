@@ -27,7 +27,7 @@ class Constants(NamedTuple):
         return self.rotation.nutation(momentum[:3])
 
 
-class OnRail(ml.Body):
+class OnRail(ml.base.Body):
     moments: Array
     mass: Array
 
@@ -39,7 +39,7 @@ class OnRail(ml.Body):
         return Constants(ml.RigidBody(self.moments).inertia(), 1 / self.mass)
 
 
-class Sliding(ml.Leaf):
+class Sliding(ml.base.Leaf):
     """The momentum (Pi, p), (4,), and the pose (quaternion, x), (5,)."""
 
     @staticmethod
@@ -55,7 +55,7 @@ class Sliding(ml.Leaf):
         return *Rotation.momentum_rate(momentum[:3], velocity[:3], force[:3]), force[3]
 
 
-class OnRailState(ml.State):
+class OnRailState(ml.base.State):
     momentum: Array
     pose: Array
     body = OnRail

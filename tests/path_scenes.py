@@ -495,4 +495,4 @@ def public_torques() -> set[str]:
 
 def public_states() -> set[str]:
     named = {n: getattr(ml, n) for n in dir(ml)} | {"SpinState": ml.spins.SpinState}
-    return {n for n, kind in named.items() if inspect.isclass(kind) and issubclass(kind, ml.State)} - {"State"}
+    return {n for n, kind in named.items() if inspect.isclass(kind) and issubclass(kind, ml.base.State)} - {"State"}

@@ -290,7 +290,7 @@ def test_gradients_equal_differences():
 
     def measured(x):
         fixed = jax.grad(end)(x)
-        reverse = jax.grad(partial(end, t1=2.0, adjoint=ml.Checkpointed()))(x)
+        reverse = jax.grad(partial(end, t1=2.0, adjoint=ml.adjoints.Checkpointed()))(x)
         forward = jax.vmap(lambda d: jax.jvp(partial(end, t1=2.0), (x,), (d,)))(jnp.eye(2))
         return fixed, reverse, forward[1], jnp.stack([end(x), forward[0][0]])
 

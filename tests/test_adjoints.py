@@ -11,15 +11,15 @@ import test_gradient_references as references
 from cases import METHODS, each, epsilon, loop_bodies, quick, real, setup, suited
 
 import midlie_jax as ml
-from midlie_jax.drivers import adjoints
+from midlie_jax.drivers import derivatives
 
 CASE = setup()
 SYMMETRIC = [method.name for method in METHODS if method.symmetric]
 FEW = ["SYMMETRIC[EA]", "SYMMETRIC[SRKN6b]", "AKW"]  # an exact flight, a loop over stages, an implicit method
 ADJOINTS = {
-    "states kept every 8 steps": ml.Checkpointed(every=8),
-    "backwards": ml.Reversible(),
-    "backwards from every 8th step": ml.Reversible(every=8),
+    "states kept every 8 steps": ml.adjoints.Checkpointed(every=8),
+    "backwards": ml.adjoints.Reversible(),
+    "backwards from every 8th step": ml.adjoints.Reversible(every=8),
 }
 
 
@@ -42,12 +42,12 @@ def gap(found, expected):
 @pytest.mark.parametrize("name", each(SYMMETRIC, FEW))
 def test_every_adjoint_gives_the_same_value_and_gradient(name):
     given = parameters(name)
-    value, gradient = quick(jax.value_and_grad(partial(loss, name, ml.Checkpointed())))(given)
+    value, gradient = quick(jax.value_and_grad(partial(loss, name, ml.adjoints.Checkpointed())))(given)
     for label, adjoint in ADJOINTS.items():
         other, found = quick(jax.value_and_grad(partial(loss, name, adjoint)))(given)
         assert abs(other - value) <= 4 * epsilon("float64") * abs(value), label
         assert gap(found, gradient) <= 1e-12, label
-    forward = quick(jax.jacfwd(partial(loss, name, ml.Forward())))(given)
+    forward = quick(jax.jacfwd(partial(loss, name, ml.adjoints.Forward())))(given)
     assert gap(forward, gradient) <= 1e-11
 
 
@@ -57,8 +57,8 @@ def test_the_way_back_over_ten_thousand_steps():
     name = "SYMMETRIC[EA]"
     given = parameters(name)
     run = {"steps": 10_000, "save_every": 10_000, "axis": (0.0, 0.0, 1.0)}
-    kept = quick(jax.grad(partial(loss, name, ml.Checkpointed(every=100), **run)))(given)
-    found = quick(jax.grad(partial(loss, name, ml.Reversible(), **run)))(given)
+    kept = quick(jax.grad(partial(loss, name, ml.adjoints.Checkpointed(every=100), **run)))(given)
+    found = quick(jax.grad(partial(loss, name, ml.adjoints.Reversible(), **run)))(given)
     assert gap(found, kept) <= 1e-9
 
 
@@ -66,7 +66,7 @@ def test_the_way_back_over_ten_thousand_steps():
 @pytest.mark.parametrize(("dtype", "bound"), [("float64", 4e-9), ("float32", 1.4e-3)])
 def test_the_way_back_between_two_kept_states_is_right_to_the_stated_bound(dtype, bound):
     """Of tops that turn by up to a radian a step, over the longest distance that `Reversible` takes by itself."""
-    steps = adjoints._FARTHEST[dtype]
+    steps = derivatives._FARTHEST[dtype]
     spins = jnp.linspace(0.2, 1.0, 64).astype(dtype)
 
     def there_and_back(spin):
@@ -90,31 +90,31 @@ def test_memory_of_the_way_back_does_not_grow_with_the_steps():
         gradient = jax.grad(partial(loss, "SYMMETRIC[EA]", adjoint, steps=steps, save_every=steps))
         return quick(gradient).lower(parameters("SYMMETRIC[EA]")).compile().memory_analysis().temp_size_in_bytes
 
-    least = memory(ml.Reversible(), 1600)
-    assert memory(ml.Reversible(), 160_000) <= 1.1 * least
-    every_step = memory(ml.Checkpointed(every=1), 160_000)
+    least = memory(ml.adjoints.Reversible(), 1600)
+    assert memory(ml.adjoints.Reversible(), 160_000) <= 1.1 * least
+    every_step = memory(ml.adjoints.Checkpointed(every=1), 160_000)
     assert every_step >= 50 * least
-    assert memory(ml.Checkpointed(every=400), 160_000) <= every_step / 50
+    assert memory(ml.adjoints.Checkpointed(every=400), 160_000) <= every_step / 50
     # By default a state of ten numbers every 100 steps, and the seven that each step between two of them needs.
-    assert memory(ml.Checkpointed(), 160_000) <= every_step / 30
-    assert memory(ml.Checkpointed(), 1024) == memory(ml.Checkpointed(every=1), 1024)
-    assert memory(ml.Checkpointed(), 1600) < memory(ml.Checkpointed(every=1), 1600)
+    assert memory(ml.adjoints.Checkpointed(), 160_000) <= every_step / 30
+    assert memory(ml.adjoints.Checkpointed(), 1024) == memory(ml.adjoints.Checkpointed(every=1), 1024)
+    assert memory(ml.adjoints.Checkpointed(), 1600) < memory(ml.adjoints.Checkpointed(every=1), 1600)
 
 
 @pytest.mark.sample(0)
 def test_a_long_run_has_the_derivatives_of_one_that_keeps_every_state():
     name, run = "SYMMETRIC[EA]", {"steps": 4800, "save_every": 1600}
     given = parameters(name)
-    kept = quick(jax.grad(partial(loss, name, ml.Checkpointed(every=1), **run)))(given)
-    assert gap(quick(jax.grad(partial(loss, name, ml.Checkpointed(), **run)))(given), kept) <= 1e-12
-    assert gap(quick(jax.jacfwd(partial(loss, name, ml.Checkpointed(), **run)))(given), kept) <= 1e-9
+    kept = quick(jax.grad(partial(loss, name, ml.adjoints.Checkpointed(every=1), **run)))(given)
+    assert gap(quick(jax.grad(partial(loss, name, ml.adjoints.Checkpointed(), **run)))(given), kept) <= 1e-12
+    assert gap(quick(jax.jacfwd(partial(loss, name, ml.adjoints.Checkpointed(), **run)))(given), kept) <= 1e-9
 
 
 @pytest.mark.parametrize(("save_every", "every"), [(1024, 64), (2000, 100), (103, 103), (7, 1), (10_007, 1), (8, 8)])
 def test_the_steps_between_two_kept_states_divide_those_between_two_saved_ones(save_every, every):
     """Of a state of ten numbers, in a long run; a run of 1024 steps keeps all states."""
-    assert adjoints._every(save_every, 20_000, 10) == every
-    assert adjoints._every(save_every, 1024, 10) == 1
+    assert derivatives._every(save_every, 20_000, 10) == every
+    assert derivatives._every(save_every, 1024, 10) == 1
 
 
 @pytest.mark.sample(0)
@@ -124,7 +124,9 @@ def test_seven_numbers_are_kept_of_a_step_that_begins_with_a_kick():
     def memory(steps):
         def end(momentum):
             given = parameters("SYMMETRIC[EA]")
-            return loss("SYMMETRIC[EA]", ml.Checkpointed(every=1), (*given[:2], momentum, *given[3:]), steps, steps)
+            return loss(
+                "SYMMETRIC[EA]", ml.adjoints.Checkpointed(every=1), (*given[:2], momentum, *given[3:]), steps, steps
+            )
 
         momentum = jnp.asarray(CASE.momentum)
         return quick(jax.grad(end)).lower(momentum).compile().memory_analysis().temp_size_in_bytes
@@ -148,7 +150,9 @@ def test_arrays_that_a_torque_closes_over_have_derivatives():
             @ references.WEIGHTS[:3]
         )
 
-    slopes = [jax.grad(end)(jnp.asarray(1.5), adjoint) for adjoint in (ml.Checkpointed(), ml.Reversible())]
+    slopes = [
+        jax.grad(end)(jnp.asarray(1.5), adjoint) for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible())
+    ]
     assert abs(slopes[0]) > 1e-2
     assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
 
@@ -160,7 +164,10 @@ def test_second_derivatives_of_the_way_back():
     def second(adjoint, given):
         return jax.grad(jax.grad(lambda weight: loss(name, adjoint, (given[0], weight, *given[2:]))))(given[1])
 
-    kept, back = (quick(partial(second, adjoint))(parameters(name)) for adjoint in (ml.Checkpointed(), ml.Reversible()))
+    kept, back = (
+        quick(partial(second, adjoint))(parameters(name))
+        for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible())
+    )
     assert abs(kept) > 1e-3
     assert abs(back - kept) <= 1e-11 * abs(kept)
 
@@ -175,13 +182,18 @@ def test_an_ensemble_goes_back_as_each_of_its_bodies():
         many = ml.ensemble("SYMMETRIC[EA]", body, torque, starts, dt=1 / 64, steps=32, chunk=2, adjoint=adjoint)
         return jnp.sum(many.states.attitude**3)
 
-    slopes = [quick(jax.grad(partial(ends, adjoint=a)))(jnp.asarray(2.0)) for a in (ml.Checkpointed(), ml.Reversible())]
+    slopes = [
+        quick(jax.grad(partial(ends, adjoint=a)))(jnp.asarray(2.0))
+        for a in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible())
+    ]
     assert abs(slopes[0]) > 1e-3
     assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Checkpointed(every=8), ml.Reversible()])
+@pytest.mark.parametrize(
+    "adjoint", [ml.adjoints.Checkpointed(), ml.adjoints.Checkpointed(every=8), ml.adjoints.Reversible()]
+)
 def test_a_shared_parameter_has_the_sum_of_the_derivatives_of_all_bodies(adjoint):
     """First and second; of a top whose torque has a component that is always zero."""
     momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, 5)[:, None])
@@ -212,10 +224,22 @@ def damping(t, state):
 @pytest.mark.parametrize(
     ("method", "torque", "adjoint", "save_every", "message"),
     [
-        ("RK4", None, ml.Reversible(), 16, "RK4 is not one"),
-        ("JACOBI[EA]", damping, ml.Reversible(), 16, "does not read the momentum"),
-        ("JACOBI[EA]", None, ml.Reversible(every=5), 16, r"save_every \(16\) must be divisible by every \(5\)"),
-        ("JACOBI[EA]", None, ml.Checkpointed(every=3), 16, r"save_every \(16\) must be divisible by every \(3\)"),
+        ("RK4", None, ml.adjoints.Reversible(), 16, "RK4 is not one"),
+        ("JACOBI[EA]", damping, ml.adjoints.Reversible(), 16, "does not read the momentum"),
+        (
+            "JACOBI[EA]",
+            None,
+            ml.adjoints.Reversible(every=5),
+            16,
+            r"save_every \(16\) must be divisible by every \(5\)",
+        ),
+        (
+            "JACOBI[EA]",
+            None,
+            ml.adjoints.Checkpointed(every=3),
+            16,
+            r"save_every \(16\) must be divisible by every \(3\)",
+        ),
     ],
 )
 def test_what_has_no_derivative_is_refused(method, torque, adjoint, save_every, message):
@@ -226,7 +250,7 @@ def test_what_has_no_derivative_is_refused(method, torque, adjoint, save_every, 
 
 
 @pytest.mark.parametrize("every", [0, -1, True])
-@pytest.mark.parametrize("adjoint", [ml.Checkpointed, ml.Reversible])
+@pytest.mark.parametrize("adjoint", [ml.adjoints.Checkpointed, ml.adjoints.Reversible])
 def test_every_is_a_positive_integer(adjoint, every):
     with pytest.raises(ValueError, match="every must be a positive"):
         adjoint(every=every)
@@ -235,7 +259,7 @@ def test_every_is_a_positive_integer(adjoint, every):
 @pytest.mark.sample(0)
 def test_forward_mode_alone_refuses_reverse_mode():
     with pytest.raises(ValueError, match="has no reverse derivative"):
-        jax.grad(partial(loss, "SYMMETRIC[EA]", ml.Forward()))(parameters("SYMMETRIC[EA]"))
+        jax.grad(partial(loss, "SYMMETRIC[EA]", ml.adjoints.Forward()))(parameters("SYMMETRIC[EA]"))
 
 
 BATCH = 1003  # a number that nothing else in the program has
@@ -270,7 +294,7 @@ def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
         program = run.lower(jnp.asarray(0.3), jnp.ones((BATCH, 3))).compile()
         return program.as_text().count(f"[{BATCH}"), program.memory_analysis().temp_size_in_bytes
 
-    assert size(ml.Checkpointed()) == size(ml.Forward())
+    assert size(ml.adjoints.Checkpointed()) == size(ml.adjoints.Forward())
 
 
 @pytest.mark.sample(0)
@@ -285,7 +309,7 @@ def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops, shared):
     moments, weight, _, *rest = parameters(name)
 
     def end(parts, momentum):
-        return loss(name, ml.Checkpointed(), (*parts, momentum, *rest), steps=8, save_every=8)
+        return loss(name, ml.adjoints.Checkpointed(), (*parts, momentum, *rest), steps=8, save_every=8)
 
     def of_each(momenta):
         return jax.vmap(jax.grad(end), (None, 0))((moments, weight), momenta)

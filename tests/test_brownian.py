@@ -325,7 +325,7 @@ REFUSED = {
         "bath must be one midlie_jax.baths.Langevin for BROWNIAN, got a Sum",
     ),
     "back in time": (lambda: go(dt=-0.1), "dt must be positive in a heat bath"),
-    "reversible": (lambda: go(adjoint=ml.Reversible()), "symmetric method"),
+    "reversible": (lambda: go(adjoint=ml.adjoints.Reversible()), "symmetric method"),
     "particles": (
         lambda: go(ml.Particles(jnp.ones(1)), state=ml.ParticleState(jnp.ones(1), jnp.ones(1))),
         "moves RigidBody, but body is Particles",

@@ -122,10 +122,10 @@ def test_held_controls_are_those_of_the_equations_of_motion():
 
 
 ADJOINTS = {
-    "RK4": ml.Checkpointed(),
-    "LIEMID[EA]": ml.Reversible(),
+    "RK4": ml.adjoints.Checkpointed(),
+    "LIEMID[EA]": ml.adjoints.Reversible(),
     "JACOBI[SRKN6b]": None,
-    "AKW": ml.Checkpointed(),
+    "AKW": ml.adjoints.Checkpointed(),
     "SPIRAL": None,
 }
 

@@ -74,7 +74,9 @@ def start_of(kind):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("adjoint", [ml.Reversible(), *whole(ml.Checkpointed())], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize(
+    "adjoint", [ml.adjoints.Reversible(), *whole(ml.adjoints.Checkpointed())], ids=lambda x: type(x).__name__
+)
 def test_its_gradient_is_that_of_a_rigid_state(adjoint):
     def height(weight, kind):
         path = ml.integrate(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax.drivers.adjoints import Checkpointed, Reversible
+from midlie_jax.drivers.derivatives import Checkpointed, Reversible
 from midlie_jax.drivers.integrate import count_as_argument
 
 BODY = ml.RigidBody([1.0, 2.0, 2.5])

@@ -101,7 +101,11 @@ def stored():
     return json.loads(FILE.read_text()) if FILE.exists() else {}
 
 
-ADJOINTS = {"Checkpointed": ml.Checkpointed(every=4), "Reversible": ml.Reversible(), "Forward": ml.Forward()}
+ADJOINTS = {
+    "Checkpointed": ml.adjoints.Checkpointed(every=4),
+    "Reversible": ml.adjoints.Reversible(),
+    "Forward": ml.adjoints.Forward(),
+}
 TAKEN = [("SYMMETRIC[EA]", adjoint) for adjoint in ADJOINTS] + [("JACOBI[EA]", "Reversible"), ("SW", "Checkpointed")]
 LEFT = [(name, adjoint) for name in NAMES for adjoint in ADJOINTS if (name, adjoint) not in TAKEN]
 
@@ -110,7 +114,7 @@ def slopes(name, adjoint, given, **run):
     """The derivatives of the loss along `directions`."""
     own = partial(loss, name, adjoint=adjoint, **run)
     moves = [jnp.asarray(m, x.dtype) for m, x in zip(directions(), given, strict=True)]
-    if isinstance(adjoint, ml.Forward):
+    if isinstance(adjoint, ml.adjoints.Forward):
         seeds = [tuple(m if i == k else jnp.zeros_like(m) for i, m in enumerate(moves)) for k in range(len(moves))]
         seeds = jax.tree.map(lambda *x: jnp.stack(x), *seeds)
         return jax.vmap(lambda seed: jax.jvp(own, given, seed)[1])(seeds)
@@ -177,8 +181,10 @@ def test_the_gradient_of_a_long_way_back(dtype, steps, bound):
     name = "SYMMETRIC[EA]"
     run = {"steps": steps, "save_every": steps}
     given = tuple(map(jnp.asarray, parameters(name)))
-    expected = real(partial(slopes, name, ml.Checkpointed(every=1000), **run))(given)
-    found = real(partial(slopes, name, ml.Reversible(), **run))(tuple(x.astype(dtype) for x in given)).astype(float)
+    expected = real(partial(slopes, name, ml.adjoints.Checkpointed(every=1000), **run))(given)
+    found = real(partial(slopes, name, ml.adjoints.Reversible(), **run))(tuple(x.astype(dtype) for x in given)).astype(
+        float
+    )
     assert np.all(abs(found - expected) <= bound * abs(expected))
 
 

@@ -512,7 +512,7 @@ REFUSED = [
     ("Give the tensor", lambda: go([1.0, 2.0, 3.0], body=FRAME)),
     ("with the first two equal", lambda: on_axis(go, ROTOR, [1.0, 2.0, 3.0])),
     (r"SymmetricRotor\(moment, along\)", lambda: on_axis(go, UNKNOWN, 1.0)),
-    ("symmetric method", lambda: go(adjoint=ml.Reversible())),
+    ("symmetric method", lambda: go(adjoint=ml.adjoints.Reversible())),
     (
         "Langevin acts on rigid bodies and rotors, not on a ParticleState",
         lambda: go(method=ml.method(ml.flights.Linear(), "BAOAB"), body=PARTICLES[0], start=PARTICLES[1]),

@@ -156,9 +156,9 @@ def test_an_ellipsoid_has_the_moments_of_its_integral():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("adjoint", [ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize("adjoint", [ml.adjoints.Reversible(), ml.adjoints.Forward()], ids=lambda x: type(x).__name__)
 def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
-    degree = 4 if isinstance(adjoint, ml.Forward) else 2
+    degree = 4 if isinstance(adjoint, ml.adjoints.Forward) else 2
     torque, start = ml.asteroids.MutualGravity(didymos.G, degree=degree), didymos.start()
 
     def end(factors):
@@ -168,7 +168,7 @@ def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
         states = ml.integrate("JACOBI[EA]", body, torque, start, **options).states
         return jnp.concatenate([states.attitude[-1].ravel(), states.position[-1].ravel() / 1000])[jnp.array([2, 5, 13])]
 
-    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.jacrev
+    derivative = jax.jacfwd if isinstance(adjoint, ml.adjoints.Forward) else jax.jacrev
     factors, run = jnp.ones((2, 4)), quick(end)
     found = np.asarray(quick(derivative(end))(factors))
     assert np.all(np.isfinite(found))

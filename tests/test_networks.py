@@ -114,13 +114,13 @@ def test_every_adjoint_has_the_gradient_of_a_network():
         return jnp.sum(jnp.sin(last(run(eqx.combine(arrays, rest), start, adjoint)).momentum))
 
     direction = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=x.dtype)).reshape(x.shape), arrays)
-    value = quick(partial(loss, adjoint=ml.Forward()))
+    value = quick(partial(loss, adjoint=ml.adjoints.Forward()))
     sizes = 1e-3 * np.array([2.0, 1.0, -1.0, -2.0])
     values = [value(jax.tree.map(lambda x, d, s=s: x + s * d, arrays, direction)) for s in sizes]
     expected = np.dot(np.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3, values)
-    _, slope = quick(lambda a, d: jax.jvp(partial(loss, adjoint=ml.Forward()), (a,), (d,)))(arrays, direction)
+    _, slope = quick(lambda a, d: jax.jvp(partial(loss, adjoint=ml.adjoints.Forward()), (a,), (d,)))(arrays, direction)
     np.testing.assert_allclose(slope, expected, rtol=1e-7)
-    for adjoint in (ml.Checkpointed(), ml.Reversible()):
+    for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible()):
         gradient = quick(jax.grad(partial(loss, adjoint=adjoint)))(arrays)
         total = sum(jax.tree.leaves(jax.tree.map(lambda g, d: jnp.sum(g * d), gradient, direction)))
         np.testing.assert_allclose(total, slope, rtol=1e-11)

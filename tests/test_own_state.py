@@ -177,13 +177,15 @@ def test_diffrax_takes_it(dense, truth):
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(
-    "adjoint", [ml.Reversible(), *whole(ml.Checkpointed(), ml.Forward())], ids=lambda x: type(x).__name__
+    "adjoint",
+    [ml.adjoints.Reversible(), *whole(ml.adjoints.Checkpointed(), ml.adjoints.Forward())],
+    ids=lambda x: type(x).__name__,
 )
 def test_gradients(adjoint):
     def place(weight):
         return end("EA", 16, weight, adjoint=adjoint).states.position[-1, 0]
 
-    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad
+    derivative = jax.jacfwd if isinstance(adjoint, ml.adjoints.Forward) else jax.grad
     found, h = float(quick(derivative(place))(2.0)), 1e-4
     run = quick(place)
     assert found == pytest.approx(float(run(2 + h) - run(2 - h)) / (2 * h), rel=1e-6)
@@ -255,7 +257,7 @@ class Constants(NamedTuple):
         return jnp.zeros_like(momentum[0])
 
 
-class Wheel(ml.Body):
+class Wheel(ml.base.Body):
     moment: jax.Array
 
     def inertia(self):
@@ -271,11 +273,11 @@ class Spinning(ml.flights.Flight):
 
 
 def test_an_angle_swings_as_a_pendulum():
-    class Pendulum(ml.State):
+    class Pendulum(ml.base.State):
         momentum: jax.Array
         angle: jax.Array
         body = Wheel
-        leaves = (ml.Leaf,)
+        leaves = (ml.base.Leaf,)
 
     wheel, start = Wheel(jnp.array(0.5)), Pendulum(jnp.array([0.4]), jnp.array([1.2]))
     weight = ml.torques.FromPotential(lambda t, state: -2.0 * jnp.cos(state.angle[0]))
@@ -335,7 +337,7 @@ def test_one_leaf_holds_a_rotation_and_a_distance():
 
 
 def test_wrong_shapes_of_a_custom_kind_are_named():
-    class Short(ml.State):
+    class Short(ml.base.State):
         momentum: jax.Array
         attitude: jax.Array
         linear: jax.Array

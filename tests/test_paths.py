@@ -445,10 +445,10 @@ def ends_of(how: str, case: Case, start: Any, torque: Any, adjoint: Any) -> Any:
 
 
 ADJOINTS = {
-    "checkpoints": ml.Checkpointed(),
-    "few checkpoints": ml.Checkpointed(every=4),
-    "reversible": ml.Reversible(),
-    "forward": ml.Forward(),
+    "checkpoints": ml.adjoints.Checkpointed(),
+    "few checkpoints": ml.adjoints.Checkpointed(every=4),
+    "reversible": ml.adjoints.Reversible(),
+    "forward": ml.adjoints.Forward(),
 }
 WAYS = [*product(("end", "saved", "ensemble"), ADJOINTS)]
 # The derivative of each of these is that of all of its kind.

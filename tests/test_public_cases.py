@@ -23,7 +23,7 @@ def test_the_moments_of_echostar_ii_from_its_parts():
 
     panels = [(box(60.0, 3.1, 8.5, 0.0), 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
     craft: Any
-    craft, centre = ml.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *panels])
+    craft, centre = ml.FreeBody.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *panels])
     np.testing.assert_allclose(np.diag(craft.body.tensor), [9512.47, 1771.27, 9608.57], atol=0.005)
     np.testing.assert_allclose(centre, 0, atol=1e-15)
 

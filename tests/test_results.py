@@ -154,7 +154,11 @@ def test_diffrax_ends_at_a_body_that_cannot_be():
     assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]
 
 
-ADJOINTS = {"kept": ml.Checkpointed(), "some kept": ml.Checkpointed(every=2), "backwards": ml.Reversible()}
+ADJOINTS = {
+    "kept": ml.adjoints.Checkpointed(),
+    "some kept": ml.adjoints.Checkpointed(every=2),
+    "backwards": ml.adjoints.Reversible(),
+}
 WAYS = {
     "ensemble": lambda torque, many, adjoint, weight: ml.ensemble(
         "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, adjoint=adjoint

@@ -144,14 +144,14 @@ def test_joined_bodies_are_the_body_of_all_their_points():
         places.append(points @ np.asarray(ml.so3.to_matrix(attitude)).T + position)
     parts.append((None, 1.7, [0.3, -1.0, 2.0]))
     mass, points = np.append(np.concatenate(masses), 1.7), np.concatenate([*places, [[0.3, -1.0, 2.0]]])
-    body, centre = ml.joined(parts)
+    body, centre = ml.FreeBody.joined(parts)
     assert isinstance(body.body, ml.TensorBody)
     np.testing.assert_allclose(centre, mass @ points / mass.sum(), rtol=1e-12)
     points = points - np.asarray(centre)
     tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
     np.testing.assert_allclose(body.body.tensor, tensor, rtol=1e-12, atol=1e-12)
     with pytest.raises(ValueError, match=r"parts\[0\] must begin with"):
-        ml.joined([(ml.SymmetricRotor(1.0), 1.0, [0.0, 0.0, 0.0])])
+        ml.FreeBody.joined([(ml.SymmetricRotor(1.0), 1.0, [0.0, 0.0, 0.0])])
     for wrong in ([], [(None, 1.0)]):
         with pytest.raises(ValueError, match="parts must be one or more"):
-            ml.joined(wrong)
+            ml.FreeBody.joined(wrong)

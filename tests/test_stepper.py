@@ -51,7 +51,7 @@ WAYS = {
     "advance": lambda one, carry: one.advance(carry, STEPS),
     "traced": lambda one, carry: one.advance(carry, carry.index + STEPS),
     "checkpoint": lambda one, carry: jax.checkpoint(scanned)(one, carry),
-    "reversible": lambda one, carry: one.advance(carry, STEPS, adjoint=ml.Reversible()),
+    "reversible": lambda one, carry: one.advance(carry, STEPS, adjoint=ml.adjoints.Reversible()),
     "unrolled": lambda one, carry: jax.lax.scan(lambda c, _: (one.step(c), None), carry, length=STEPS, unroll=2)[0],
     "two parts": lambda one, carry: one.advance(one.advance(carry, 7), STEPS - 7),
 }

@@ -90,15 +90,19 @@ def test_a_run_imports_no_application():
     assert printed(code).split() == ["[]"]
 
 
-def test_a_run_imports_only_the_torques_orbits_and_observables_that_it_reads():
+def test_a_run_imports_only_the_state_the_method_and_the_torque_that_it_reads():
     code = (
         "import sys, midlie_jax as ml; ml.integrate\n"
         "print(*(name for name in sys.modules if name.startswith('midlie_jax.')))"
     )
     loaded = set(printed(code).split())
-    lazy = ("model.torques.travel", "model.orbits.kepler", "model.baths.recoil", "drivers.observe.spectra")
-    assert not loaded & {f"midlie_jax.{name}" for name in (*lazy, "model.densities", "model.surface")}
-    assert len(loaded) < 140  # 134; 152 with all of them
+    lazy = (
+        *("model.states.rigid", "model.torques.travel", "model.orbits.kepler", "model.baths.recoil", "model.densities"),
+        *("model.surface", "integrators.registry", "integrators.flights", "integrators.schemes"),
+        *("integrators.runge_kutta", "drivers.observe.spectra"),
+    )
+    assert not loaded & {f"midlie_jax.{name}" for name in lazy}
+    assert len(loaded) < 85  # 80; 152 with all of them
 
 
 def test_a_quantity_is_an_observable_of_the_first_statistic():
@@ -106,7 +110,10 @@ def test_a_quantity_is_an_observable_of_the_first_statistic():
     assert printed(code) == "energy\n"
 
 
-@pytest.mark.parametrize("name", ["advice", "drivers/observe", "model/baths", "model/orbits", "model/torques", *ROOMS])
+LAZY = ["advice", "drivers/observe", "model/baths", "model/orbits", "model/states", "model/torques", *ROOMS]
+
+
+@pytest.mark.parametrize("name", LAZY)
 def test_no_public_name_is_also_a_module_of_the_same_package(name):
     """Python would replace the name by the module."""
     shown = re.findall(

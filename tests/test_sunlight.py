@@ -134,7 +134,7 @@ def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
         return ml.integrate("JACOBI[EA]", body, torque, start, **run, **options).states.attitude[-1, 1]
 
     slope = jax.grad(end)(STATE.momentum, on_arrays)
-    for adjoint in (ml.Checkpointed(), ml.Reversible()):
+    for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible()):
         own = jax.grad(partial(end, torque=torque, adjoint=adjoint))(STATE.momentum)
         np.testing.assert_allclose(own, slope, rtol=1e-9)
 

@@ -5,7 +5,7 @@ from jax import Array
 import midlie_jax as ml
 
 
-class Traveller(ml.Body):
+class Traveller(ml.base.Body):
     moments: Array
     mass: Array
 
@@ -13,7 +13,7 @@ class Traveller(ml.Body):
         return ml.FreeBody(ml.RigidBody(self.moments), self.mass).inertia()
 
 
-class Travelling(ml.State):
+class Travelling(ml.base.State):
     momentum: Array
     attitude: Array
     linear: Array

@@ -79,6 +79,5 @@ def what_is_refused(axes: Any, body: ml.RigidBody, spinning: ml.Path[ml.Momentum
     """Where a state has no attitude; strict pyright says so if one of these is not an error."""
     ml.plot.axis_path(axes, spinning)  # pyright: ignore[reportArgumentType]
     ml.plot.view(body, spinning)  # pyright: ignore[reportArgumentType]
-    ml.observe.spatial_momentum(spinning.states)  # pyright: ignore[reportArgumentType]
     ml.plot.poincare(axes, spinning, _spin, _spin, _spin)  # pyright: ignore[reportArgumentType]
     ml.plot.polhode(axes, ml.Particles(1.0), spinning)  # pyright: ignore[reportArgumentType]

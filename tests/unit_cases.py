@@ -392,7 +392,7 @@ FUNCTIONS = {
 
 
 def _joined(moments: Any, mass: Any, place: Any) -> Any:
-    body, centre = ml.joined([(ml.RigidBody(moments), mass, place), (None, 2 * mass, -place)])
+    body, centre = ml.FreeBody.joined([(ml.RigidBody(moments), mass, place), (None, 2 * mass, -place)])
     assert isinstance(body.body, ml.TensorBody)
     return body.body.tensor, body.mass, centre
 

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._xla.compiler import tuned_jit
-from ..drivers.adjoints import Forward
 from ..drivers.chunks import chunk_size, run_ensemble, shared_tables
+from ..drivers.derivatives import Forward
 from ..drivers.ensemble import Batch
 from ..drivers.path import Path
 from ..integrators.base import Method

@@ -24,7 +24,7 @@ from .._xla.platform import cores, on_cpu
 from .._xla.structure import remember, structure_of
 from ..integrators.base import Method, Progress
 from . import shared_inputs
-from .adjoints import Adjoint, Reversible
+from .derivatives import Adjoint, Reversible
 from .integrate import run_of_body
 from .legs import Leg
 from .observe import Observe, Statistic

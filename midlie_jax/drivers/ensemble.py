@@ -22,9 +22,9 @@ from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike
 from ..model.torques.by_step import is_by_step
-from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
+from .derivatives import Adjoint, as_adjoint
 from .integrate import count_as_argument
 from .observe import Observe, Statistic, as_observe
 from .path import Path

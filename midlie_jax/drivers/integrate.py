@@ -21,7 +21,7 @@ from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
-from .adjoints import Adjoint, Checkpointed, as_adjoint
+from .derivatives import Adjoint, Checkpointed, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .bad_start import finite_start, nan_unless
 from .clock import time_of

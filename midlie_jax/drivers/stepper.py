@@ -22,7 +22,7 @@ from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .adjoints import Adjoint, Steps, as_adjoint
+from .derivatives import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_scalar, check_clock, check_step, check_system
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .results import result_of

@@ -48,9 +48,9 @@ from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
-from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_clock, check_span, check_step, check_system
 from .bad_start import finite_start, nan_unless
+from .derivatives import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .gain import with_gain_judged
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series

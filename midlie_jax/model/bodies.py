@@ -72,7 +72,7 @@ class Body(eqx.Module, metaclass=BriefHelp):
 
     Examples:
         >>> bodies = ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0)
-        >>> [isinstance(body, ml.Body) for body in bodies]
+        >>> [isinstance(body, ml.base.Body) for body in bodies]
         [True, True, True]
         >>> ml.RigidBody(jnp.ones((1000, 3))).batch
         (1000,)

@@ -110,6 +110,46 @@ class FreeBody(Body):
             )
         return self.body.momentum(velocity)
 
+    @classmethod
+    def joined(cls, parts: Any) -> tuple["FreeBody", Float[Array, "3"]]:
+        """The rigid body made of several bodies, by the parallel-axis rule.
+
+        Args:
+            parts: a list of (body, mass, position) or (body, mass, position, attitude) in one common frame. `body` is a
+                `RigidBody` or `TensorBody` with the moments about its own centre of mass, or None for a point mass.
+                `position` (3,) is its centre of mass, `attitude` the quaternion from the part's frame to the common
+                frame, by default none.
+
+        Returns:
+            The body, a `FreeBody` of a `TensorBody` in the directions of the common frame, and its centre of mass (3,).
+
+        Raises:
+            ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
+
+        Examples:
+            >>> def box(mass, x, y, z):
+            ...     x, y, z = x**2, y**2, z**2
+            ...     return ml.RigidBody([mass * (y + z) / 12, mass * (z + x) / 12, mass * (x + y) / 12])
+            >>> panel = box(60.0, 3.1, 8.5, 0.0)
+            >>> sides = [(panel, 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
+            >>> satellite, centre = ml.FreeBody.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *sides])
+            >>> np.diag(satellite.body.tensor).round(2), satellite.mass.item()
+            (array([9512.47, 1771.27, 9608.57]), 2020.0)
+        """
+        parts = [tuple(part) for part in parts]
+        if not parts or not {len(part) for part in parts} <= {3, 4}:
+            raise ValueError(
+                "parts must be one or more tuples (body, mass, position) or (body, mass, position, attitude)."
+            )
+        tensors, masses, places = zip(*(_part(f"parts[{i}]", *part) for i, part in enumerate(parts)), strict=True)
+        mass, place = jnp.stack(masses), jnp.stack(places)
+        total = jnp.sum(mass)
+        centre = jnp.sum(mass[:, None] * place, axis=0) / total
+        arms = place - centre[None, :]
+        squares = jnp.sum(arms**2, axis=1)[:, None, None] * jnp.eye(3, dtype=arms.dtype)[None]
+        tensor = sum(tensors) + jnp.sum(mass[:, None, None] * (squares - arms[:, :, None] * arms[:, None, :]), axis=0)
+        return cls(TensorBody(tensor), total), centre
+
     @property
     def trace(self) -> Float[Array, "*batch"]:
         """The sum of the three principal moments."""
@@ -129,43 +169,6 @@ class FreeBody(Body):
 
     def frame_of_user(self) -> cp.Quaternion | None:
         return self.body.frame_of_user()
-
-
-def joined(parts: Any) -> tuple[FreeBody, Float[Array, "3"]]:
-    """The rigid body made of several bodies, by the parallel-axis rule.
-
-    Args:
-        parts: a list of (body, mass, position) or (body, mass, position, attitude) in one common frame. `body` is a
-            `RigidBody` or `TensorBody` with the moments about its own centre of mass, or None for a point mass.
-            `position` (3,) is its centre of mass, `attitude` the quaternion from the part's frame to the common frame,
-            by default none.
-
-    Returns:
-        The body, a `FreeBody` of a `TensorBody` in the directions of the common frame, and its centre of mass (3,).
-
-    Raises:
-        ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
-
-    Examples:
-        >>> def box(mass, x, y, z):
-        ...     return ml.RigidBody([mass * (y**2 + z**2) / 12, mass * (z**2 + x**2) / 12, mass * (x**2 + y**2) / 12])
-        >>> panel = box(60.0, 3.1, 8.5, 0.0)
-        >>> sides = [(panel, 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
-        >>> satellite, centre = ml.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *sides])
-        >>> np.diag(satellite.body.tensor).round(2), satellite.mass.item()
-        (array([9512.47, 1771.27, 9608.57]), 2020.0)
-    """
-    parts = [tuple(part) for part in parts]
-    if not parts or not {len(part) for part in parts} <= {3, 4}:
-        raise ValueError("parts must be one or more tuples (body, mass, position) or (body, mass, position, attitude).")
-    tensors, masses, places = zip(*(_part(f"parts[{i}]", *part) for i, part in enumerate(parts)), strict=True)
-    mass, place = jnp.stack(masses), jnp.stack(places)
-    total = jnp.sum(mass)
-    centre = jnp.sum(mass[:, None] * place, axis=0) / total
-    arms = place - centre[None, :]
-    squares = jnp.sum(arms**2, axis=1)[:, None, None] * jnp.eye(3, dtype=arms.dtype)[None]
-    tensor = sum(tensors) + jnp.sum(mass[:, None, None] * (squares - arms[:, :, None] * arms[:, None, :]), axis=0)
-    return FreeBody(TensorBody(tensor), total), centre
 
 
 def _part(name: str, body: Any, mass: Any, position: Any, attitude: Any = None) -> tuple[Array, Array, Array]:

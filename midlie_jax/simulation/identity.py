@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from .._xla.platform import on_cpu
-from ..drivers.adjoints import as_adjoint
+from ..drivers.derivatives import as_adjoint
 from ..drivers.ensemble import Batch
 from ..drivers.integrate import run_of_body
 from ..drivers.observe import Observe, Statistic

@@ -11,9 +11,9 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._xla.compiler import tuned_jit
-from ..drivers.adjoints import as_adjoint
 from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.clock import time_of
+from ..drivers.derivatives import as_adjoint
 from ..drivers.ensemble import Batch
 from ..drivers.legs import Leg, iteration, next_stop
 from ..drivers.observe import Observe, Statistic

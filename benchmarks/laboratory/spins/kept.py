@@ -103,7 +103,7 @@ def defects(case: Case, steps: Sequence[float] = AREA_STEPS, starts: int = START
 
     def end(spin: Any, dt: Any) -> Any:
         start = ml.spins.SpinState.unchecked(spin=spin)
-        run = ml.integrate(case.method, body, field, start, dt=dt, steps=1, adjoint=ml.Forward())
+        run = ml.integrate(case.method, body, field, start, dt=dt, steps=1, adjoint=ml.adjoints.Forward())
         return run.states.spin[-1], (run.states.spin[-1], run.ok)
 
     derivative = jax.jit(jax.jacfwd(end, has_aux=True))
@@ -204,7 +204,7 @@ def _end(method: str, shape: tuple[int, ...]) -> Any:
         along = jnp.sqrt(1 - jnp.sum(across**2, axis=-1, keepdims=True))
         start = ml.spins.SpinState.unchecked(spin=jnp.concatenate([across, along], axis=-1))
         field = ml.spins.Exchange(EXCHANGE)
-        run = ml.integrate(method, ml.spins.Spins(), field, start, dt=dt, steps=1, adjoint=ml.Forward())
+        run = ml.integrate(method, ml.spins.Spins(), field, start, dt=dt, steps=1, adjoint=ml.adjoints.Forward())
         return run.states.spin[-1, ..., :2], run.ok
 
     return jax.jit(lambda dt: jax.jacfwd(lambda x: end(x, dt), has_aux=True)(jnp.zeros((*shape, 2))))
