@@ -90,7 +90,7 @@ def _run(
     inputs = shared_inputs.find(method, (body, torque, first, dt, t0), own)
     system = System.of(body, torque, first, t0)
     if inputs is not None:
-        system = system._replace(costly=inputs.costly)
+        system = inputs.placed(system)
 
     one = OneStep(method, system, t0, dt, inputs)
 

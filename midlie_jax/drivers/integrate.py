@@ -21,10 +21,10 @@ from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
-from .derivatives import Adjoint, Checkpointed, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .bad_start import finite_start, nan_unless
 from .clock import time_of
+from .derivatives import Adjoint, Checkpointed, as_adjoint
 from .gain import with_gain_judged
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
@@ -207,7 +207,7 @@ def run_of_body(
     counted, first = leg is not None or counts(first, intervals * save_every), first.astype(jnp.int32)
 
     if shared is not None:
-        system = system._replace(costly=shared.costly)
+        system = shared.placed(system)
     begun = start  # of the whole run, if this is a leg
     if carried is not None:
         check_carried(carried, system, method)

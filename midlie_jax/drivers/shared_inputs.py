@@ -28,7 +28,7 @@ class SharedInputs(NamedTuple):
     """The split step of a run.
 
     Attributes:
-        costly: `System.costly` of the step that reads its inputs from a row.
+        costly: whether the torque that reads its inputs from a row has expensive operations.
         hoisted: the split function of (n, t0, dt, arrays of the system, progress before).
         structure: the tree structure of the progress after the step.
     """
@@ -36,6 +36,9 @@ class SharedInputs(NamedTuple):
     costly: bool
     hoisted: Hoisted
     structure: Any
+
+    def placed(self, system: System) -> System:
+        return system._replace(placement=system.placement.if_costly(self.costly))
 
     def rows(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
         """The prepared values of step n."""
@@ -79,7 +82,8 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
 
     def system_of(arrays: Any, t: Array) -> System:
         body, torque, start = eqx.combine(arrays, functions)
-        return method.system(body, torque, start, t, dt)._replace(costly=costly)
+        system = method.system(body, torque, start, t, dt)
+        return system._replace(placement=system.placement.if_costly(costly))
 
     own, _, _ = depends(jax.make_jaxpr(lambda *a: _arrays(system_of(*a)))(arrays, t0), [*marks, False])
     constants, other = eqx.partition(system_of(arrays, t0), eqx.is_array)

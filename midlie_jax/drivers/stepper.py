@@ -14,6 +14,7 @@ from .._checks.arguments import as_count
 from .._math import components as cp
 from .._math.components import is_traced
 from .._xla.mesh import NONE, Axes
+from .._xla.placement import Placement
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..integrators.verdict import at_start
@@ -22,9 +23,9 @@ from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .derivatives import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_scalar, check_clock, check_step, check_system
 from .clock import ends_of_step, ends_of_step_back, time_of
+from .derivatives import Adjoint, Steps, as_adjoint
 from .results import result_of
 from .shared_inputs import SharedInputs
 
@@ -49,7 +50,7 @@ class OneStep(NamedTuple):
     @property
     def unroll(self) -> int:
         """Steps per iteration of a loop; one if the torque contains a loop, so that it is compiled once."""
-        return 1 if self.system.kind.apart or self.system.separate else self.method.unroll
+        return 1 if self.system.placement.is_compiled_once else self.method.unroll
 
     def take(self, progress: Progress, step: tuple[Array, Any]) -> Progress:
         """The progress after a step, from its index and its prepared inputs."""
@@ -115,7 +116,8 @@ class OneStep(NamedTuple):
             number: number of these steps. total: number of steps of the run.
         """
         method, system = self.method, self.system
-        fused = not (method.loops_for(system) or system.costly or system.bath is not None or system.kind.apart)
+        one_loop = system.placement < Placement.OWN_LOOP
+        fused = one_loop and not method.loops_for(system) and system.bath is None
         return Steps(self.take, self.take_back, self.take_again, inputs, number, total, self.unroll, fused)
 
 

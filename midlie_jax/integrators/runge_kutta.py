@@ -88,7 +88,7 @@ class RungeKutta(Method):
 
     def loops_for(self, system: System) -> bool:
         """Whether one copy of the torque suffices, in a loop over the substeps."""
-        return isinstance(self.formula, Extrapolation) and (system.kind.several or system.separate)
+        return isinstance(self.formula, Extrapolation) and (system.kind.several or system.placement.is_compiled_once)
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any

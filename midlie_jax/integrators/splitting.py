@@ -10,6 +10,7 @@ from jax import Array
 from .._math import components as cp
 from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept, recomputed
+from .._xla.placement import Placement
 from .._xla.platform import on_cpu
 from ..model.baths.base import BathOfBodies
 from ..model.baths.with_bath import without_bath
@@ -149,7 +150,7 @@ class Splitting(Method):
 
     def loops_for(self, system: System) -> bool:
         """True also for a separately compiled torque, so that a step holds one copy of it."""
-        return self.loops or (system.kind.apart and self._can_loop and self.scheme.flights > 1)
+        return self.loops or (system.placement is Placement.APART and self._can_loop and self.scheme.flights > 1)
 
     def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         ok: Array | bool = True
@@ -166,9 +167,9 @@ class Splitting(Method):
             # A long wrench, which reads thirteen numbers, and a long flight do not fit one loop: XLA would repeat the
             # flight for several of these numbers.
             travels = stages.system.kind.rotation is not None or stages.system.kind.several
-            if stages.system.long and travels and self.flight.per_loop <= 2:
+            if stages.system.placement.is_long and travels and self.flight.per_loop <= 2:
                 return split(motion)
-            return stages.system.loop_boundary(motion)
+            return stages.system.placement.after_flight(motion)
 
         motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force, stages.bathe)
         return motion, force, ok
@@ -182,7 +183,7 @@ class Splitting(Method):
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
-            if stages.system.kind.apart:
+            if stages.system.placement is Placement.APART:
                 return self._step_in_one_loop(stages, motion, force)
             force = stages.evaluate(0.0, 0.0, motion) if force is None else force
             motion = fuse(stages.kick(kicks[0], 0.0, motion, force))
@@ -236,7 +237,7 @@ class Splitting(Method):
 
     def _after_flight(self, stages: "_Stages", motion: AnyMotion) -> AnyMotion:
         """The motion after a flight in a loop; a long flight fills its own loop."""
-        return stages.system.loop_boundary(motion) if self.flight.per_loop > 2 else split(motion)
+        return stages.system.placement.after_flight(motion) if self.flight.per_loop > 2 else split(motion)
 
 
 class _Stages(NamedTuple):
@@ -276,7 +277,9 @@ class _Stages(NamedTuple):
     def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         rotated, ok = self._turn(a, *system.rotating(motion))
         moved = system.travelled(a * self.h, motion, rotated)
-        if system.kind.apart:  # otherwise the flight would be repeated in the loop that checks the success of all
+        if (
+            system.placement is Placement.APART
+        ):  # otherwise the flight would be repeated in the loop that checks the success of all
             moved, ok = split((moved, ok))
         return moved, of_all(ok)
 

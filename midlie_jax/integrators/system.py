@@ -1,7 +1,7 @@
 """The equations of motion on components: momentum and pose (`Motion`), and the constants of a run (`System`)."""
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Generic, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla import budgets
-from .._xla.fusion import fuse_derivative, split
+from .._xla.placement import Placement
 from .._xla.replay import Traced, Traits
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
@@ -22,7 +22,6 @@ from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 from ..model.torques.by_step import in_step, is_by_step
 from ..model.wrench import Wrench
 
-T = TypeVar("T")
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
@@ -47,8 +46,7 @@ class System(NamedTuple):
         torque: a function of (t, state), or None.
         kind: how a run moves the states.
         reads_momentum: whether the torque depends on the momentum, such as damping and control.
-        costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
-        long: whether the derivative of the torque is too long for one loop with the derivative of the flight.
+        placement: where a step evaluates the torque.
         frame: the quaternion from principal components to the user's; None if both agree.
         bath: the heat bath, or None.
         by_step: whether a part of the torque has a constant value in each step; see `in_step`.
@@ -59,8 +57,7 @@ class System(NamedTuple):
     torque: TorqueLike | None
     kind: Kind
     reads_momentum: bool
-    costly: bool
-    long: bool
+    placement: Placement
     frame: Any = None
     bath: PreparedBath | PreparedSum | None = None
     by_step: bool = False
@@ -106,19 +103,10 @@ class System(NamedTuple):
     ) -> "System":
         kind = start.kind if whole else start.kind.of_run(start, found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
-        # A separately compiled torque already ends the loops around it; a torque on several bodies is always long.
-        costly = found is not None and (found.costly or kind.several) and not kind.apart
+        costly = found is not None and (found.costly or kind.several)
         long = found is not None and (found.operations if kind == start.kind else found.scalars) > budgets.LONG_TORQUE
         inertia, frame = kind.constants(inertia, frame)
-        return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
-
-    @property
-    def separate(self) -> bool:
-        """Whether the torque is long and has its own loops.
-
-        A step with a loop that holds one copy of the torque is then equally fast and compiles much faster.
-        """
-        return self.costly and self.long
+        return cls(inertia, torque, kind, reads, Placement.of(costly=costly, long=long, apart=kind.apart), frame)
 
     def by_entries(self) -> "System":
         """The system with the parameters of the torque as the scalars that a step reads."""
@@ -149,19 +137,6 @@ class System(NamedTuple):
             change = self.kind.bathed(bath.at(t)[own], root, motion.momentum, motion.pose, noise)
             motion = self.pushed(motion, change)
         return motion
-
-    def loop_boundary(self, tree: T) -> T:
-        """The tree unchanged; marks the border between two parts of a step.
-
-        XLA treats a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
-        every value that is used twice. A costly torque therefore gets its own loops, which end here. With any other
-        torque the step is a single loop; only its derivative is split here, if the torque is long.
-        """
-        return split(tree) if self.costly else fuse_derivative(tree) if self.long else tree
-
-    def _torque_boundary(self, tree: T) -> T:
-        """The tree unchanged; ends the loop before and after a costly torque."""
-        return split(tree) if self.costly else tree
 
     def motion(self, state: AnyState) -> AnyMotion:
         motion: AnyMotion = Motion(*self.kind.parts(state))
@@ -238,7 +213,7 @@ class System(NamedTuple):
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
         if self.torque is None:
             return _zeros(motion.momentum)
-        return self._torque_boundary(self._evaluate(t, self._torque_boundary(motion)))
+        return self.placement.around_torque(self._evaluate(t, self.placement.around_torque(motion)))
 
     def displaced_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """`gradient_force` up to weight^2, from a second torque in place of a derivative.
@@ -254,10 +229,10 @@ class System(NamedTuple):
         if self.torque is None:
             return _zeros(motion.momentum)
         self._require_torque_of_pose()
-        motion = self._torque_boundary(motion)
+        motion = self.placement.around_torque(motion)
 
         def at(pose: Any) -> P:
-            return self._torque_boundary(self._evaluate(t, Motion(motion.momentum, pose)))
+            return self.placement.around_torque(self._evaluate(t, Motion(motion.momentum, pose)))
 
         force = at(motion.pose)
         displacement = jax.tree.map(lambda x: 2 * weight * x, self.velocity(force))
@@ -289,7 +264,7 @@ class System(NamedTuple):
         if self.torque is None:
             return _zeros(motion.momentum)
         self._require_torque_of_pose()
-        motion = self._torque_boundary(motion)
+        motion = self.placement.around_torque(motion)
 
         def at(pose: Any) -> P:
             return self._evaluate(t, Motion(motion.momentum, pose))
@@ -298,7 +273,7 @@ class System(NamedTuple):
         velocity = self.velocity(force)
         _, change = jax.jvp(at, (motion.pose,), (self.kind.rate(motion.pose, velocity),))
         change = jax.tree.map(jnp.add, change, self.inertia.commutator(force))
-        return self._torque_boundary(added(force, 2 * weight, change))
+        return self.placement.around_torque(added(force, 2 * weight, change))
 
     def _evaluate(self, t: Array, motion: AnyMotion) -> Any:
         value, returned = self.evaluate(lambda t, state: self.kind.force_of(self._torque_at(t, state)), t, motion)
@@ -315,9 +290,9 @@ class System(NamedTuple):
         return vector if self.frame is None else self.kind.vector_in(self.frame, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
-        motion = self._torque_boundary(motion)
+        motion = self.placement.around_torque(motion)
         value, _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
-        return self._torque_boundary(value[0])
+        return self.placement.around_torque(value[0])
 
     def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
         """A space-fixed direction about which the torque has no component, in principal components; None if unknown.

@@ -143,7 +143,7 @@ class Sublattices(Method):
         count = _count(body, terms, lattice)
         labels = _labels(body, lattice) if count > 1 and checkered is None else None
         inertia = OnSublattices(body, labels, count, own, tuple(terms_of(others)), checkered)
-        system = system._replace(inertia=inertia, costly=costly)
+        system = system._replace(inertia=inertia, placement=system.placement.if_costly(costly))
         if checkered is not None:
             system = system._replace(kind=checkered_kind(lattice))
         if self.random:

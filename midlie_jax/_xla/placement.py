@@ -1,0 +1,51 @@
+"""`Placement`: where a step evaluates its torque, in the loop of the step, in loops of its own, or compiled apart."""
+
+from enum import IntEnum
+from typing import TypeVar
+
+from .fusion import fuse_derivative, split
+
+T = TypeVar("T")
+
+
+class Placement(IntEnum):
+    """Where a step evaluates its torque, from the least to the most separate.
+
+    XLA treats a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
+    every value that is used twice. A torque with such an operation therefore has loops of its own.
+    """
+
+    INLINE = 0  # in the loop of the step
+    OWN_DERIVATIVE = 1  # the same, but its derivative is too long for one loop with the derivative of the flight
+    OWN_LOOP = 2  # in a loop of its own
+    LONG_LOOP = 3  # the same, and long: a loop that holds one copy of it is equally fast and compiles much faster
+    APART = 4  # on arrays, compiled separately from the step (`apart.py`), which already ends the loops around it
+
+    @classmethod
+    def of(cls, *, costly: bool, long: bool, apart: bool = False) -> "Placement":
+        return cls.APART if apart else cls(2 * costly + long)
+
+    def if_costly(self, costly: bool) -> "Placement":
+        """The placement of the torque when a part of it is prepared, and the rest has expensive operations or none."""
+        return Placement.of(costly=costly, long=self.is_long, apart=self is Placement.APART)
+
+    @property
+    def is_long(self) -> bool:
+        return self in (Placement.OWN_DERIVATIVE, Placement.LONG_LOOP)
+
+    @property
+    def has_own_loop(self) -> bool:
+        return self in (Placement.OWN_LOOP, Placement.LONG_LOOP)
+
+    @property
+    def is_compiled_once(self) -> bool:
+        """Whether a step should hold one copy of the torque."""
+        return self >= Placement.LONG_LOOP
+
+    def after_flight(self, tree: T) -> T:
+        """The tree unchanged; marks the border between two parts of a step."""
+        return split(tree) if self.has_own_loop else fuse_derivative(tree) if self.is_long else tree
+
+    def around_torque(self, tree: T) -> T:
+        """The tree unchanged; ends the loop before and after a torque with loops of its own."""
+        return split(tree) if self.has_own_loop else tree
