@@ -154,6 +154,8 @@ def attraction(place, rotation):  # its division ends a loop
 PARAMETERS = {
     "number": (jnp.array(20.0), ml.torques.HeavyTop),
     "array": (jnp.linspace(1.0, 2.0, 9), lambda x: lambda t, state: spring(x, ml.so3.to_matrix(state.attitude))),
+    "held": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Held(x.reshape(4, 3), 0.2)),
+    "pulses": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Pulses([0.0, 0.1, 0.2, 0.3], 0.05, x.reshape(4, 3))),
     "costly": (jnp.linspace(1.0, 2.0, 6), lambda x: lambda t, state: attraction(x, ml.so3.to_matrix(state.attitude))),
 }
 
@@ -174,6 +176,7 @@ def by_integrate(method, body, torque, start):
         *((method, "number", by_integrate) for method in ("JACOBI[SRKN6b]", "DOP853", "GBS12")),
         *((method, "array", by_integrate) for method in ("JACOBI[EA]", "SYMMETRIC[EA]", "DLM[EA]", "RK4", "GBS12")),
         *((method, "costly", by_integrate) for method in ("JACOBI[EA]", "RK4")),
+        *(("JACOBI[EA]", torque, by_integrate) for torque in ("held", "pulses")),
         ("JACOBI[EA]", "array", through_diffrax),
     ],
 )

@@ -79,34 +79,44 @@ class Traced(eqx.Module):
 
     Attributes:
         constants: the arrays, each as it is or by its entries.
+        given: further arrays, the same for all calls within a step, likewise.
     """
 
     constants: list[Any]
+    given: list[Any]
     _program: "_Program" = eqx.field(static=True)
 
     @classmethod
-    def of(cls, function: Callable[..., Any], *arguments: Any) -> "tuple[Traced, Traits]":
-        """The function and its traits; it is traced once, with these arguments, and not run."""
+    def of(cls, function: Callable[..., Any], given: Any, *arguments: Any) -> "tuple[Traced, Traits]":
+        """function(given, *arguments) as a function of the arguments, and its traits; it is traced once and not run."""
         # By default JAX would look for an earlier trace of the function and compare its arrays.
-        closed, result = jax.make_jaxpr(lambda *given: function(*given), return_shape=True)(*arguments)
+        closed, result = jax.make_jaxpr(lambda *every: function(*every), return_shape=True)(given, *arguments)
         own = {id(x) for x in jax.tree.leaves(function)}
         marks = [isinstance(x, Tracer) or id(x) in own for x in closed.consts]
         constants = [x for x, mark in zip(closed.consts, marks, strict=True) if mark]
 
         def run(constants: list[Any], leaves: list[Any]) -> list[Any]:
-            given = iter(constants)
-            values = [next(given) if mark else x for x, mark in zip(closed.consts, marks, strict=True)]
+            own = iter(constants)
+            values = [next(own) if mark else x for x, mark in zip(closed.consts, marks, strict=True)]
             return run_program(closed, values, leaves)
 
         # The program must not hold the tracers: it outlives their trace in JAX's caches.
-        program = jax.make_jaxpr(run)(constants, jax.tree.leaves(arguments))
+        first = jax.tree.leaves(given)
+        program = jax.make_jaxpr(run)(constants, [*first, *jax.tree.leaves(arguments)])
         known = _Program(program, jax.tree.structure(result), _types(arguments), _suits_arrays(closed))
-        return cls(constants, known), _traits(closed, arguments)
+        found = _traits(closed, (given, *arguments))
+        return cls(constants, first, known), found._replace(reads=found.reads[1:])
 
     def by_entries(self) -> "Traced":
-        if self._program.on_arrays:  # the function has its own loops, and its arrays remain arrays
-            return self
-        return Traced(list(map(_Spread.of, self.constants)), self._program)
+        return Traced(self._spread(self.constants), self.given, self._program)
+
+    def with_given(self, given: Any) -> "Traced":
+        """The function with other arrays in place of `given`, by their entries."""
+        return Traced(self.constants, split(self._spread(jax.tree.leaves(given))), self._program)
+
+    def _spread(self, arrays: list[Any]) -> list[Any]:
+        # A function with its own loops keeps its arrays.
+        return arrays if self._program.on_arrays else list(map(_Spread.of, arrays))
 
     def takes(self, *arguments: Any) -> bool:
         """Whether the arguments have the types of the trace."""
@@ -114,8 +124,8 @@ class Traced(eqx.Module):
 
     def __call__(self, *arguments: Any) -> Any:
         closed = self._program.closed
-        constants = [x.array() if isinstance(x, _Spread) else x for x in self.constants]
-        results = run_program(closed, closed.consts, [*constants, *jax.tree.leaves(arguments)])
+        arrays = [x.array() if isinstance(x, _Spread) else x for x in (*self.constants, *self.given)]
+        results = run_program(closed, closed.consts, [*arrays, *jax.tree.leaves(arguments)])
         return self._program.structure.unflatten(results)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from .._xla.internals import Tracer
-from ..integrators.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED, UNSTABLE
+from ..integrators.verdict import FINE, NOT_FINITE, UNREACHED
 
 
 class RESULTS(eqx.Enumeration):
@@ -83,16 +83,6 @@ def reasons(result: Any, failed: np.ndarray) -> str:
 
 
 def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> Any:
-    found: Any = RESULTS.not_finite
-    for code, result in (
-        (UNSOLVED, RESULTS.not_solved),
-        (BEYOND, RESULTS.beyond_reach),
-        (UNCOUNTED, RESULTS.too_many_steps),
-        (UNFOLLOWED, RESULTS.density_lost),
-        (LOST, RESULTS.phase_lost),
-        (IMPOSSIBLE, RESULTS.impossible_body),
-        (UNSTABLE, RESULTS.unstable),
-    ):
-        found = RESULTS.where(verdict == code, result, found)
-    end: Any = RESULTS.where(jnp.asarray(reached), RESULTS.successful, RESULTS.end_not_reached)
-    return Outcome(jax.tree.leaves(RESULTS.where((verdict == FINE) & finite, end, found))[0], RESULTS)
+    """The outcome of a run with this verdict, whose states are finite, and which reached its end or did not."""
+    of_end = jnp.where(finite, jnp.where(reached, FINE, UNREACHED), NOT_FINITE)
+    return Outcome(jnp.where(verdict == FINE, of_end, verdict).astype(jnp.int32), RESULTS)

@@ -10,6 +10,7 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla import budgets
+from .._xla.fusion import fuse_derivative, split
 from .._xla.placement import Placement
 from .._xla.replay import Traced, Traits
 from ..model.bodies import Body
@@ -19,7 +20,7 @@ from ..model.kind import Kind
 from ..model.state import AnyState, P, Q
 from ..model.states.members import Inertias
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
-from ..model.torques.by_step import in_step, is_by_step
+from ..model.torques.by_step import OfValues, count_by_step, values_in_step, with_values
 from ..model.wrench import Wrench
 
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
@@ -50,7 +51,7 @@ class System(NamedTuple):
         frame: the quaternion from principal components to the user's; None if both agree.
         bath: the heat bath, or None.
         by_step: whether a part of the torque has a constant value in each step; see `in_step`.
-        traced: the torque from its trace; None with `by_step`, or without a torque.
+        traced: the torque from its trace; None without a torque.
     """
 
     inertia: Any
@@ -77,9 +78,9 @@ class System(NamedTuple):
         if torque is None:
             return cls._of(body, None, start, None, reads=False, whole=whole)
         torque = on_body(torque, body)
-        by_step = is_by_step(torque)
+        values = values_in_step(torque, t, t, t)
         try:
-            traced, found = Traced.of(in_step(torque, t, t, t) if by_step else torque, t, start)
+            traced, found = Traced.of(OfValues(torque), values, t, start)
         except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
             raise ValueError(
                 "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
@@ -88,7 +89,7 @@ class System(NamedTuple):
         read = found.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
         system = cls._of(body, torque, start, found, reads=reads, whole=whole)
-        return system._replace(by_step=True) if by_step else system._replace(traced=traced)
+        return system._replace(by_step=bool(values), traced=traced)
 
     @classmethod
     def _of(
@@ -118,10 +119,13 @@ class System(NamedTuple):
 
     def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
         """The system in the step from t0 to t1 of length h, with the values of the `ByStep` parts of the torque."""
-        if not self.by_step:
+        values = values_in_step((self.inertia, self.torque), t0, t1, h)
+        if not values:  # there are none, or they are replaced already
             return self
-        inertia, torque = in_step((self.inertia, self.torque), t0, t1, h)
-        return self._replace(inertia=inertia, torque=torque)
+        inertia, torque = with_values((self.inertia, self.torque), split(values))
+        given = values[count_by_step(self.inertia) :]
+        traced = None if self.traced is None else self.traced.with_given(given)
+        return self._replace(inertia=inertia, torque=torque, traced=traced)
 
     @property
     def keeps_torque(self) -> bool:
@@ -133,7 +137,7 @@ class System(NamedTuple):
         assert self.bath is not None
         for bath, own, index in self.bath.sequence(b, stage):
             root = None if bath.root is None else bath.root(t)
-            noise = bath.noise(index, motion.momentum)
+            motion, noise = fuse_derivative((motion, bath.noise(index, motion.momentum)))
             change = self.kind.bathed(bath.at(t)[own], root, motion.momentum, motion.pose, noise)
             motion = self.pushed(motion, change)
         return motion

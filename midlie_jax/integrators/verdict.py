@@ -1,5 +1,7 @@
 """A verdict: an integer from each step, which shows whether the step can be trusted and, if not, why.
 
+It is the index of the member of `midlie_jax.RESULTS` that the path of the run returns.
+
 A run carries the verdict of its first step that failed, at the cost of one more select per step than a boolean. A
 flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is not
 finite. The largest share in a step counts.
@@ -11,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNSTABLE = map(np.int8, range(9))
+FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNSTABLE, UNREACHED = map(
+    np.int8, range(10)
+)
 
 
 def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:

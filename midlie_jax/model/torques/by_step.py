@@ -6,8 +6,10 @@ over that step: `System.in_step` replaces them by this value, at any depth of th
 """
 
 from abc import abstractmethod
+from collections.abc import Iterable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -182,23 +184,45 @@ class Pulses(ByStep):
                     f"torque must be (3,) or one for each of the {len(weights)} pulses, got {torque.shape}; "
                     "give one row for each start."
                 )
-            return jnp.tensordot(weights, torque, axes=1)
+            # Not a product of matrices, which XLA's CPU compiler calculates body by body.
+            return jnp.sum(weights.reshape(-1, *[1] * (torque.ndim - 1)) * torque, axis=0)
 
         return jax.tree.map(of, self.torque)
 
 
 def is_by_step(tree: Any) -> bool:
     """Whether a torque, or a part of it at any depth, has a constant value in each step."""
-    return any(isinstance(leaf, ByStep) for leaf in _nodes(tree))
+    return count_by_step(tree) > 0
+
+
+def count_by_step(tree: Any) -> int:
+    return sum(map(_is_node, _nodes(tree)))
+
+
+def values_in_step(tree: Any, t0: Array, t1: Array, h: Array) -> list[Any]:
+    """The value of each `ByStep` of a torque, at any depth, in the step from t0 to t1."""
+    return [leaf.mean(t0, t1, h) for leaf in _nodes(tree) if _is_node(leaf)]
+
+
+def with_values(tree: Any, values: Iterable[Any]) -> Any:
+    """A torque in which each `ByStep`, at any depth, is replaced by its value in a step."""
+    own = iter(values)
+    return jax.tree.map(lambda leaf: _Constant(next(own)) if _is_node(leaf) else leaf, tree, is_leaf=_is_node)
 
 
 def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
-    """A torque in which each `ByStep`, at any depth, is replaced by its value in the step from t0 to t1."""
+    """`with_values` of `values_in_step`."""
+    return with_values(tree, split(values_in_step(tree, t0, t1, h)))
 
-    def replaced(leaf: Any) -> Any:
-        return _Constant(split(leaf.mean(t0, t1, h))) if isinstance(leaf, ByStep) else leaf
 
-    return jax.tree.map(replaced, tree, is_leaf=_is_node)
+class OfValues(eqx.Module):
+    """A torque as a function of (values in a step, t, state)."""
+
+    torque: Any
+
+    def __call__(self, values: list[Any], t: Time, state: Any) -> Any:
+        torque = with_values(self.torque, values) if values else self.torque
+        return torque(t, state)
 
 
 def check_steps(tree: Any, h: Any) -> None:
