@@ -156,6 +156,7 @@ PARAMETERS = {
     "array": (jnp.linspace(1.0, 2.0, 9), lambda x: lambda t, state: spring(x, ml.so3.to_matrix(state.attitude))),
     "held": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Held(x.reshape(4, 3), 0.2)),
     "pulses": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Pulses([0.0, 0.1, 0.2, 0.3], 0.05, x.reshape(4, 3))),
+    "moments": (jnp.ones(3), lambda x: ml.torques.HeavyTop(20.0)),  # and a factor of the moments of the body
     "costly": (jnp.linspace(1.0, 2.0, 6), lambda x: lambda t, state: attraction(x, ml.so3.to_matrix(state.attitude))),
 }
 
@@ -166,7 +167,8 @@ def through_diffrax(method, body, torque, start):
 
 
 def by_integrate(method, body, torque, start):
-    return ml.integrate(method, body, torque, start, dt=0.01, steps=64, save_every=None).states.momentum
+    bath = ml.baths.Langevin(1.0, 0.3, jax.random.key(0)) if ml.method(method).random else None
+    return ml.integrate(method, body, torque, start, dt=0.01, steps=64, save_every=None, bath=bath).states.momentum
 
 
 @pytest.mark.sample(0)
@@ -177,15 +179,17 @@ def by_integrate(method, body, torque, start):
         *((method, "array", by_integrate) for method in ("JACOBI[EA]", "SYMMETRIC[EA]", "DLM[EA]", "RK4", "GBS12")),
         *((method, "costly", by_integrate) for method in ("JACOBI[EA]", "RK4")),
         *(("JACOBI[EA]", torque, by_integrate) for torque in ("held", "pulses")),
+        *((method, "moments", by_integrate) for method in ("JACOBI[EA]", "JACOBI[SRKN6b]", "GBS8", "JACOBI[BAOAB]")),
         ("JACOBI[EA]", "array", through_diffrax),
     ],
 )
 def test_a_gradient_repeats_no_work(method, parameter, path):
     starts = ml.RigidState(jnp.tile(jnp.array([0.0, 1.0, 50.0]), (256, 1)), jnp.tile(jnp.eye(4)[0], (256, 1)))
-    body = ml.RigidBody(suited(method, jnp.array([5.0, 4.0, 1.0])))
+    moments = suited(method, jnp.array([5.0, 4.0, 1.0]))
     value, torque = PARAMETERS[parameter]
 
     def loss(x):
+        body = ml.RigidBody(moments * x if parameter == "moments" else moments)
         return jnp.sum(jax.vmap(lambda start: path(method, body, torque(x), start))(starts) ** 2)
 
     programs = [real(function).lower(value).compile() for function in (jax.value_and_grad(loss), loss)]

@@ -21,7 +21,9 @@ WRITTEN_ROWS = 16  # of a sum over a table, such as the facets of a surface, wri
 # operations in one loop, a step takes 40 times the time of two loops of half that length. On a GPU longer kernels
 # are also divided.
 LOOP_OPERATIONS, KERNEL_OPERATIONS = 2800, 2000
-DERIVATIVE_OPERATIONS = 2  # of a derivative for each of a step, by `benchmarks/stepper.py gradient`
+# Operations of a derivative for each of a step, by `benchmarks/stepper.py gradient`: by the state and a few parameters,
+# or by more than these.
+DERIVATIVE_OPERATIONS, DERIVATIVE_OPERATIONS_OF_MANY, FEW_PARAMETERS = 2, 4, 4
 # Outputs of a loop in a derivative. XLA does not fuse a value that more outputs read, and repeats the loop for it.
 LOOP_OUTPUTS = 22
 LOOP_STAGES = 2  # stages of a tableau whose derivative fits one loop under any torque

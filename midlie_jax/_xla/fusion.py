@@ -44,6 +44,7 @@ _BEGIN, _FUSE, _SPLIT, _CUT, _BARRIER = "begin", "fuse", "split", "cut", "barrie
 _DERIVATIVE, _SECOND = "fuse_derivative", "fuse_second_derivative"
 _BEGIN_STEP, _BEGIN_TANGENTS, _FUSE_STEP = "begin_step", "begin_tangents", "fuse_step"
 _SPLIT_DERIVATIVE = "split_derivative"
+_OF_MANY = "of_many"  # followed by a number of leaves
 _NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _SECOND, _BARRIER)  # reduce nothing on a CPU
 _PRIMALS = {_DERIVATIVE: _SPLIT_DERIVATIVE, _SECOND: _DERIVATIVE}  # in a derivative, else the use of the primals
 _TANGENTS = {**_PRIMALS, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
@@ -100,6 +101,11 @@ def fuse_derivative(tree: T) -> T:
     return _bind(tree, _DERIVATIVE)
 
 
+def fuse_derivative_of_many(tree: T, few: int) -> T:
+    """`fuse_derivative` for a derivative with respect to more than `few` leaves; nothing for any other."""
+    return _bind(tree, f"{_OF_MANY} {few}")
+
+
 def fuse_second_derivative(tree: T) -> T:
     """`fuse_derivative` in a derivative: second derivatives are split, and neither the step nor its derivative."""
     return _bind(tree, _SECOND)
@@ -117,7 +123,8 @@ def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
     each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
     del types
-    return primitive is _fuse and parameters["use"] not in _NOTHING
+    use = parameters.get("use", "")
+    return primitive is _fuse and use not in _NOTHING and not use.startswith(_OF_MANY)
 
 
 def _bind(tree: T, use: str) -> T:
@@ -143,7 +150,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
     """The lowering on CPUs: one reduction for the leaves of one shape that vary along the same mesh axes, or a few."""
     result = list(leaves)
     groups: dict[Any, list[int]] = defaultdict(list)
-    for i, leaf in enumerate(() if use in _NOTHING else leaves):
+    for i, leaf in enumerate(() if use in _NOTHING or use.startswith(_OF_MANY) else leaves):
         groups[leaf.shape, axes_of(leaf)].append(i)
     for group in groups.values():
         loops = -(-len(group) // budgets.LOOP_OUTPUTS) if use in (_FUSE_STEP, _SPLIT_DERIVATIVE) else 1
@@ -181,6 +188,8 @@ def _is_nonzero(tangent: Any) -> bool:
 
 
 def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]]:
+    if use.startswith(_OF_MANY) and sum(map(_is_nonzero, tangents)) > int(use.removeprefix(_OF_MANY)):
+        use = _DERIVATIVE
     return _fuse.bind(*primals, use=_PRIMALS.get(use, use)), _fuse_where(tangents, _is_nonzero, _TANGENTS.get(use, use))
 
 

@@ -14,7 +14,6 @@ from .._checks.arguments import as_count
 from .._math import components as cp
 from .._math.components import is_traced
 from .._xla.mesh import NONE, Axes
-from .._xla.placement import Placement
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..integrators.verdict import at_start
@@ -115,9 +114,7 @@ class OneStep(NamedTuple):
             inputs: the index and the prepared inputs of each step, with a leading axis.
             number: number of these steps. total: number of steps of the run.
         """
-        method, system = self.method, self.system
-        one_loop = system.placement < Placement.OWN_LOOP
-        fused = one_loop and not method.loops_for(system) and system.bath is None
+        fused = self.method.is_one_loop(self.system)
         return Steps(self.take, self.take_back, self.take_again, inputs, number, total, self.unroll, fused)
 
 

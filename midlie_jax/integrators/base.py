@@ -16,6 +16,7 @@ from jax import Array
 from .._math import components as cp
 from .._xla.fusion import begin_step, fuse
 from .._xla.mesh import NONE, Axes, all_promoted
+from .._xla.placement import Placement
 from ..model.bodies import Body
 from ..model.state import AnyState
 from .system import AnyMotion, System
@@ -99,6 +100,10 @@ class Method(eqx.Module):
         """Whether a step of this system contains a loop over stages or a solver loop."""
         del system
         return self.solves > 0
+
+    def is_one_loop(self, system: System) -> bool:
+        """Whether a step of this system is one loop over the bodies of a batch, with a short torque and no bath."""
+        return system.placement < Placement.OWN_LOOP and not self.loops_for(system) and system.bath is None
 
     @property
     def reach(self) -> float:
@@ -225,7 +230,9 @@ class Method(eqx.Module):
             The progress after the step, and the further results of `times`; for `step_back` a pair of these and
             `known`.
         """
-        system, clock, h, progress = begin_step((system.by_entries(), clock, h, progress))
+        carry, loops = (clock, h, progress), self.loops_for(system)  # these iterations have copies of their own
+        shared = not (loops or self.is_one_loop(system))
+        system, (clock, h, progress) = system.by_entries().begun(begin_step, carry, shared=shared)
         t0, t1, rest = times(clock)
         system = system.in_step(t0, t1, h)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)

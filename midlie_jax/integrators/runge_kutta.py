@@ -7,6 +7,8 @@ extrapolation (`extrapolation.py`). Written on components, the step is one loop 
 registers and the first-level cache.
 """
 
+import math
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +17,7 @@ from jax import Array
 
 from .._xla import budgets
 from .._xla.compiler import exact_jit
-from .._xla.fusion import cut, fuse_derivative
+from .._xla.fusion import cut, fuse_derivative, fuse_derivative_of_many
 from .._xla.platform import on_cpu
 from .._xla.rules import count_operations
 from ..model.bodies import Body, RigidBody
@@ -101,22 +103,28 @@ class RungeKutta(Method):
             return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
         longest = budgets.LOOP_OPERATIONS if on_cpu() else budgets.KERNEL_OPERATIONS
-        in_loop = in_derivative = 0
+        in_loop = in_derivative = in_many = 0
         per_evaluation = count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
-        most = longest / (budgets.DERIVATIVE_OPERATIONS * per_evaluation)  # evaluations whose derivative fits one loop
-        if not isinstance(self.formula, Extrapolation):  # a stage of a tableau reads the others
-            most = min(most, budgets.LOOP_STAGES)
+        # Evaluations whose derivative fits one loop. A stage of a tableau reads the others.
+        stages = math.inf if isinstance(self.formula, Extrapolation) else budgets.LOOP_STAGES
+        most = min(stages, longest / (budgets.DERIVATIVE_OPERATIONS * per_evaluation))
+        most_of_many = min(stages, longest / (budgets.DERIVATIVE_OPERATIONS_OF_MANY * per_evaluation))
 
         def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
-            nonlocal in_loop, in_derivative, system
+            nonlocal in_loop, in_derivative, in_many, system
             alone = evaluations == 1 and per_evaluation > budgets.LONG_TORQUE  # a stage of a tableau reads the others
             ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
-            long = in_derivative + evaluations > most
-            in_derivative = evaluations if ends or long else in_derivative + evaluations
+            long = ends or in_derivative + evaluations > most
+            long_of_many = long or in_many + evaluations > most_of_many
+            in_derivative = evaluations if long else in_derivative + evaluations
+            in_many = evaluations if long_of_many else in_many + evaluations
             fresh = cut(fresh) if ends else fresh
-            if ends or long:  # the derivatives by the constants of the system are sums over all stages
-                fresh, older, system = fuse_derivative((fresh, older, system))
+            if long:  # the derivatives by the constants of the system are sums over all stages
+                system, (fresh, older) = system.begun(fuse_derivative, (fresh, older))
+            elif long_of_many:
+                few = len(jax.tree.leaves((fresh, older))) + budgets.FEW_PARAMETERS
+                system, (fresh, older) = system.begun(partial(fuse_derivative_of_many, few=few), (fresh, older))
             return fresh, older, ends
 
         turn = system.inertia.square_of_turn(h, motion.momentum)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
-from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
+from .._xla.fusion import begin, begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept, recomputed
 from .._xla.placement import Placement
 from .._xla.platform import on_cpu
@@ -156,23 +156,40 @@ class Splitting(Method):
         ok: Array | bool = True
 
         def fly(a: float, motion: AnyMotion) -> AnyMotion:
-            nonlocal ok
+            nonlocal ok, stages
             motion, flight_ok = stages.fly(a, motion)
             ok = earlier(ok, flight_ok)
-            if self.scheme.flights > self.flight.per_loop:
-                return cut(motion)
-            # A compensated sum needs both parts, and XLA would repeat the flight for each of them.
-            if stages.system.kind.compensated and (self.scheme.flights > 1 or stages.system.torque is not None):
-                return split(motion)
-            # A long wrench, which reads thirteen numbers, and a long flight do not fit one loop: XLA would repeat the
-            # flight for several of these numbers.
-            travels = stages.system.kind.rotation is not None or stages.system.kind.several
-            if stages.system.placement.is_long and travels and self.flight.per_loop <= 2:
-                return split(motion)
-            return stages.system.placement.after_flight(motion)
+            ended = self._after_unrolled_flight(stages.system, motion)
+            if ended is motion:  # the flight and the kick after it are one loop
+                return motion
+            system, motion = stages.system.begun(begin, ended)
+            stages = stages._replace(system=system)
+            return motion
 
-        motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force, stages.bathe)
+        def kick(*given: Any) -> AnyMotion:
+            return stages.kick(*given)
+
+        def evaluate(*given: Any) -> Any:
+            return stages.evaluate(*given)
+
+        def bathe(*given: Any) -> AnyMotion:
+            return stages.bathe(*given)
+
+        motion, force = run(self.scheme, fly, kick, evaluate, motion, force, bathe)
         return motion, force, ok
+
+    def _after_unrolled_flight(self, system: System, motion: AnyMotion) -> AnyMotion:
+        if self.scheme.flights > self.flight.per_loop:
+            return cut(motion)
+        # A compensated sum needs both parts, and XLA would repeat the flight for each of them.
+        if system.kind.compensated and (self.scheme.flights > 1 or system.torque is not None):
+            return split(motion)
+        # A long wrench, which reads thirteen numbers, and a long flight do not fit one loop: XLA would repeat the
+        # flight for several of these numbers.
+        travels = system.kind.rotation is not None or system.kind.several
+        if system.placement.is_long and travels and self.flight.per_loop <= 2:
+            return split(motion)
+        return system.placement.after_flight(motion)
 
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
@@ -189,7 +206,9 @@ class Splitting(Method):
             motion = fuse(stages.kick(kicks[0], 0.0, motion, force))
             kicks = kicks[1:]
 
-        def fly_and_kick(row: Any, motion: AnyMotion, ok: Array | bool) -> tuple[AnyMotion, Any, Array | bool]:
+        def fly_and_kick(
+            stages: _Stages, row: Any, motion: AnyMotion, ok: Array | bool
+        ) -> tuple[AnyMotion, Any, Array | bool]:
             flight, end_time, kick = row
             motion, flight_ok = stages.fly(flight, motion)
             motion = self._after_flight(stages, motion)
@@ -197,15 +216,18 @@ class Splitting(Method):
             return stages.kick(kick, end_time, motion, force), force, earlier(ok, flight_ok)
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            motion, _, ok = fly_and_kick(row, *begin_step(carry))
+            system, (motion, ok) = stages.system.begun(begin_step, carry, shared=True)
+            motion, _, ok = fly_and_kick(stages._replace(system=system), row, motion, ok)
             return fuse((motion, ok)), None
 
         columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
         rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
         start = motion, jnp.full_like(stages.h, FINE, FINE.dtype)
         motion, ok = self._over_stages(iteration, start, rows)
+        system, motion = stages.system.begun(begin, motion, shared=True)
+        stages = stages._replace(system=system)
         if kicks_first:
-            return fly_and_kick((flights[-1], 1.0, kicks[-1]), motion, ok)
+            return fly_and_kick(stages, (flights[-1], 1.0, kicks[-1]), motion, ok)
         motion, flight_ok = stages.fly(flights[-1], motion)
         return motion, None, earlier(ok, flight_ok)
 
@@ -217,12 +239,13 @@ class Splitting(Method):
         force = stages.evaluate(0.0, 0.0, motion) if force is None else force
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            motion, force, ok = begin_step(carry)
+            system, (motion, force, ok) = stages.system.begun(begin_step, carry, shared=True)
+            inner = stages._replace(system=system)
             kick, flight, start_time, end_time = row
-            motion = stages.kick(kick, start_time, motion, force)
-            motion, flight_ok = stages.fly(flight, motion)
-            motion = self._after_flight(stages, motion)
-            force = stages.evaluate(end_time, 0.0, motion)
+            motion = inner.kick(kick, start_time, motion, force)
+            motion, flight_ok = inner.fly(flight, motion)
+            motion = self._after_flight(inner, motion)
+            force = inner.evaluate(end_time, 0.0, motion)
             return fuse((motion, force, earlier(ok, flight_ok))), None
 
         rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))

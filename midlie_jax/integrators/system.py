@@ -1,7 +1,7 @@
 """The equations of motion on components: momentum and pose (`Motion`), and the constants of a run (`System`)."""
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -10,12 +10,14 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla import budgets
-from .._xla.fusion import fuse_derivative, split
+from .._xla.fusion import split
+from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.placement import Placement
 from .._xla.replay import Traced, Traits
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
+from ..model.inertia import Inertia
 from ..model.kind import Kind
 from ..model.state import AnyState, P, Q
 from ..model.states.members import Inertias
@@ -23,6 +25,7 @@ from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 from ..model.torques.by_step import OfValues, count_by_step, values_in_step, with_values
 from ..model.wrench import Wrench
 
+C = TypeVar("C")
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
@@ -113,6 +116,32 @@ class System(NamedTuple):
         """The system with the parameters of the torque as the scalars that a step reads."""
         return self if self.traced is None else self._replace(traced=self.traced.by_entries())
 
+    def begun(self, begin: Callable[[Any], Any], carry: C, *, shared: bool = False) -> "tuple[System, C]":
+        """The system and the carry at the start of a loop of a step, by `begin` of `_xla/fusion.py`.
+
+        The cotangents of the constants of body and bath leave the derivative of the loop in the loop of the motion.
+        Without this, each would have a loop of its own, with much of the derivative of the step.
+
+        Args:
+            shared: whether the bodies of a batch share the constants. Each then has a copy for the derivative; the
+                cotangents would otherwise be summed over the bodies at every use of a constant.
+        """
+        if not shared:
+            system, carry = begin((self, carry))
+            return system._tied(), carry
+        numbers, structure = jax.tree.flatten((self.inertia, self.bath))
+        own = [x for x in numbers if _is_scalar(x)]
+        rows = in_rows(own, list(filter(eqx.is_inexact_array, jax.tree.leaves(carry))))
+        system, rows, carry = begin((self, rows, carry))
+        known = iter(with_tangents_of(rows, jax.lax.stop_gradient(own)))
+        values = [next(known) if _is_scalar(x) else x for x in numbers]
+        inertia, bath = structure.unflatten(values)
+        return system._replace(inertia=inertia, bath=bath)._tied(), carry
+
+    def _tied(self) -> "System":
+        parts = jax.tree.map(lambda x: x.tied() if _is_inertia(x) else x, self.inertia, is_leaf=_is_inertia)
+        return self._replace(inertia=parts)
+
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, which determines the random numbers of a bath."""
         return self if self.bath is None else self._replace(bath=self.bath.at_step(n))
@@ -137,7 +166,7 @@ class System(NamedTuple):
         assert self.bath is not None
         for bath, own, index in self.bath.sequence(b, stage):
             root = None if bath.root is None else bath.root(t)
-            motion, noise = fuse_derivative((motion, bath.noise(index, motion.momentum)))
+            noise = bath.noise(index, motion.momentum)
             change = self.kind.bathed(bath.at(t)[own], root, motion.momentum, motion.pose, noise)
             motion = self.pushed(motion, change)
         return motion
@@ -313,6 +342,14 @@ class System(NamedTuple):
         """The value `function(t, state)` on components, and the shapes and dtypes of its arrays; see `State`."""
         user_motion = self.in_user_axes(motion)
         return self.kind.evaluate(function, t, user_motion.momentum, user_motion.pose)
+
+
+def _is_scalar(value: Any) -> bool:
+    return eqx.is_inexact_array(value) and not value.ndim
+
+
+def _is_inertia(value: Any) -> bool:
+    return isinstance(value, Inertia)
 
 
 def added(momentum: P, h: Array, force: P) -> P:

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -60,6 +61,40 @@ class Inertia(NamedTuple):
         inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
+    def tied(self) -> "Inertia":
+        """The same numbers, whose derivative is a function of the moments alone.
+
+        Otherwise each number would be a parameter of its own to a reverse derivative, which has to compute a cotangent
+        for every parameter in every step.
+        """
+        return _tied(self.moments, self)
+
+    def change(self, by: cp.Vector) -> "Inertia":
+        """The tangent for a tangent of the moments."""
+        (a, b, c), (da, db, dc), unit = self.moments, by, self.per_unit
+        is_first, is_second = (a >= b) & (a >= c), b >= c
+        largest = jnp.where(is_first, da, jnp.where(is_second, db, dc)) * unit  # its relative change
+        each = cp.times(self.inverses, by)  # the relative changes of the moments
+        differences = cp.scale(unit, (b - c, c - a, a - b))
+        changes = cp.subtract(cp.scale(unit, (db - dc, dc - da, da - db)), cp.scale(largest, differences))
+        x, y, z = self.spins
+        dx, dy, dz = spins = cp.times(self.spins, (largest - each[0], largest - each[1], largest - each[2]))
+        products, of_products = (y * z, z * x, x * y), (dy * z + y * dz, dz * x + z * dx, dx * y + x * dy)
+        quartic = cp.add(
+            cp.times(cp.scale(1 / 6, cp.times(differences, changes)), self.spins),
+            cp.times(cp.scale(1 / 12, cp.times(differences, differences)), spins),
+        )
+        return Inertia(
+            moments=by,
+            inverses=cp.scale(-1.0, cp.times(self.inverses, each)),
+            per_unit=-unit * largest,
+            relative=cp.scale(unit, cp.subtract(by, cp.scale(largest, self.moments))),
+            spins=spins,
+            quartic=quartic,
+            gaps=cp.add(cp.times(changes, products), cp.times(differences, of_products)),
+            middle=cp.scale(0.0, by),
+        )
+
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
         """(h |Omega|)^2 at the start, and its largest value for a single small root of a midpoint flight.
 
@@ -107,3 +142,14 @@ class Inertia(NamedTuple):
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
         """h times the momentum, in units of the largest moment: the rotation vector of a ball with that moment."""
         return cp.scale(h, cp.scale(self.per_unit, momentum))
+
+
+@jax.custom_jvp
+def _tied(moments: cp.Vector, inertia: Inertia) -> Inertia:
+    return inertia._replace(moments=moments)
+
+
+@_tied.defjvp
+def _tied_jvp(primals: Any, tangents: Any) -> tuple[Inertia, Inertia]:
+    inertia = _tied(*primals)  # of which the change is a function, for second derivatives
+    return inertia, inertia.change(tangents[0])
