@@ -36,6 +36,8 @@ LIMIT ?= 180
 JAX ?= jax[cuda13]
 # tests/conftest.py says what one worker runs.
 PYTEST = .venv/bin/pytest -n 2 --no-loadscope-reorder
+# What the type checkers make of the package is kept with its compiled Python: 10 seconds of each worker.
+export PYTHONDONTWRITEBYTECODE =
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart

@@ -6,6 +6,7 @@ checkers that pytest attaches to the package (see pyproject.toml) come after thi
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -26,10 +27,11 @@ HURRIED = (
 )
 
 
-def known(flag):
-    """Whether the installed XLA has this flag; it ends a process that is given another."""
+def known(flags):
+    """Those that the installed XLA knows; given others, it ends a process and names them."""
     start = [sys.executable, "-c", "import jax; jax.devices()"]
-    return subprocess.run(start, env=os.environ | {"XLA_FLAGS": flag}, capture_output=True).returncode == 0
+    done = subprocess.run(start, env=os.environ | {"XLA_FLAGS": " ".join(flags)}, capture_output=True, text=True)
+    return [flag for flag in flags if done.returncode == 0 or flag not in done.stderr]
 
 
 def pytest_addoption(parser):
@@ -43,6 +45,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    gc.disable()  # see collected_once_a_module
     if config.option.accelerator:
         if jax.default_backend() == "cpu":
             raise pytest.UsageError("JAX sees no accelerator here; bring its programs: pip install 'jax[cuda13]'.")
@@ -52,7 +55,21 @@ def pytest_configure(config):
     # the first computation of the process, which may be that of another test.
     os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")
     if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ:
-        os.environ["XLA_FLAGS"] = " ".join(filter(known, HURRIED))
+        os.environ["XLA_FLAGS"] = " ".join(known(HURRIED))
+    if config.option.markexpr == "not full" and config.pluginmanager.has_plugin("cacheprovider"):
+        remember_programs(config.cache.mkdir("programs"))
+
+
+def remember_programs(folder):
+    """Has JAX load a program that it compiled in an earlier run; the name of its file is a hash of its HLO and options.
+
+    `pytest --cache-clear` forgets them.
+    """
+    if sum(path.stat().st_size for path in folder.iterdir()) > MOST_REMEMBERED:
+        shutil.rmtree(folder)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 # Files whose laws read the same compiled runs; the others are one group each.
@@ -66,6 +83,7 @@ REST = {
     *("test_tides", "test_tumbling", "test_wheels"),
 }
 BEGAN = time.time()
+MOST_REMEMBERED = 2e9  # bytes of compiled programs
 # Linux gives a process 65530 maps of memory (vm.max_map_count), each compiled loop takes three, and XLA, given no more,
 # ends the process with a segmentation fault.
 MOST_MAPS = 30_000
@@ -92,6 +110,11 @@ def pytest_xdist_make_scheduler(config, log):
             return TOGETHER.get(stem, stem)
 
     return Groups(config, log)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """What only `make test-rest` runs is not even imported."""
+    return True if config.option.sample and collection_path.stem in REST else None
 
 
 @pytest.hookimpl(trylast=True)
@@ -149,9 +172,6 @@ def collected_once_a_module():
     """Tracing leaves a million objects behind that live on; Python would look through all of them again and again."""
     gc.collect()
     gc.freeze()
-    gc.disable()
-    yield
-    gc.enable()
 
 
 jax.config.update("jax_enable_x64", True)
