@@ -603,16 +603,22 @@ def test_python_numbers_run_in_float32():
 
 def test_a_failure_is_a_flag():
     """A temperature or friction that becomes negative, a tensor that is not symmetric, a traced step backwards."""
-    for bath in (
-        Langevin(lambda t: 1 - 10 * t, 1.0, KEY),
-        Langevin(KT, lambda t: (1 - 10 * t) * jnp.diag(jnp.array([1.0, 0.0, 1.0])), KEY),
-        Langevin(KT, lambda t: jnp.eye(3, dtype=t.dtype).at[0, 1].set(0.5), KEY),
-        ml.baths.Recoil(lambda t: (1 - 10 * t) * jnp.array([1.0, 0.0, 1.0]), KEY),
-    ):
-        assert not go(bath=bath).ok
-    back = jax.jit(lambda dt: go(dt=dt).ok)
-    assert back(0.1)
-    assert not back(-0.1)
+
+    def falling(rate, t):
+        return 1 - rate * t
+
+    def tensor(rate, skew, t):
+        return (1 - rate * t) * jnp.diag(jnp.array([1.0, 0.0, 1.0])).at[0, 1].set(skew)
+
+    def passed(cooling, rate, skew, dt):
+        bath = Langevin(jax.tree_util.Partial(falling, cooling), jax.tree_util.Partial(tensor, rate, skew), KEY)
+        return go(bath=bath, dt=dt).ok
+
+    good = np.array([0.0, 0.0, 0.0, 0.1])
+    bad = ([10.0, 0.0, 0.0, 0.1], [0.0, 10.0, 0.0, 0.1], [0.0, 0.0, 0.5, 0.1], [0.0, 0.0, 0.0, -0.1])
+    found = jax.jit(jax.vmap(passed))(*np.array([good, *bad]).T)
+    np.testing.assert_array_equal(found, [True, False, False, False, False])
+    assert not go(bath=ml.baths.Recoil(lambda t: (1 - 10 * t) * jnp.array([1.0, 0.0, 1.0]), KEY)).ok
 
 
 @pytest.mark.sample(0)
