@@ -148,19 +148,20 @@ def _all_fit(equation: Any) -> bool:
     return all(fits(atom.aval) for atom in (*equation.invars, *equation.outvars))
 
 
-def _scalar_operations(equation: Any) -> int:
-    def entries(atoms: Any) -> int:
-        return sum(math.prod(atom.aval.shape) for atom in atoms if fits(atom.aval))
+def _entries(atoms: Any) -> int:
+    return sum(math.prod(atom.aval.shape) for atom in atoms if fits(atom.aval))
 
+
+def _scalar_operations(equation: Any) -> int:
     if not _all_fit(equation):
-        return entries(equation.invars) + entries(equation.outvars)
+        return _entries(equation.invars) + _entries(equation.outvars)
     if equation.primitive.name == "dot_general":
         (contracted, _), _ = equation.params["dimension_numbers"]
         terms = math.prod(equation.invars[0].aval.shape[axis] for axis in contracted)
-        return 2 * terms * entries(equation.outvars)
+        return 2 * terms * _entries(equation.outvars)
     if equation.primitive.name.startswith("reduce_"):
-        return entries(equation.invars)
-    return entries(equation.outvars)
+        return _entries(equation.invars)
+    return _entries(equation.outvars)
 
 
 def fits(aval: Any) -> bool:
