@@ -80,7 +80,7 @@ REST = {
     *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_claims", "test_oracles"),
     *("test_own_methods", "test_simulate_damage", "test_timing", "test_work_precision", "test_public_cases"),
     *("test_molecules", "test_molecule_files", "test_rod", "test_shadows", "test_spacecraft", "test_spins"),
-    *("test_tides", "test_tumbling", "test_wheels"),
+    *("test_tides", "test_wheels"),
 }
 BEGAN = time.time()
 MOST_REMEMBERED = 2e9  # bytes of compiled programs

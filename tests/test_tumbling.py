@@ -55,7 +55,7 @@ def test_a_start_has_what_was_asked_for(mode, axes):
         )
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("mode", ["short", "long"])
 def test_periods_are_those_of_a_free_body(mode):
     """After a rotation period the momentum is back; both axes have then precessed by what their periods say."""
@@ -203,6 +203,7 @@ def test_a_rotation_about_the_middle_axis_never_comes_back(dtype):
     )
 
 
+@pytest.mark.sample(0)
 def test_derivatives_beside_a_rotation_about_the_middle_axis_are_finite():
     """The body that rotates about its middle axis does not spoil the others of a batch."""
 
@@ -213,6 +214,7 @@ def test_derivatives_beside_a_rotation_about_the_middle_axis_are_finite():
     assert np.isfinite(jax.grad(periods)(jnp.array([[0.0, 1.0, 0.0], [0.2, 0.1, 1.0]]))).all()
 
 
+@pytest.mark.sample(0)
 def test_toutatis_from_published_euler_angles():
     """Takahashi, Busch and Scheeres (2013), 23 days later by the test of another program (Principia)."""
     body = ml.RigidBody([3.0836, 3.235, 1.0])
