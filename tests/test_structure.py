@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -29,11 +30,20 @@ def modules() -> dict[str, Path]:
     return found | {"": ROOT / PACKAGE / "__init__.pyi"}  # where the package says what it shows
 
 
-def imports_of(name: str, text: str, is_package: bool, known: set[str]) -> set[str]:
-    """The modules of the package that a module imports, anywhere in its text."""
+@cache
+def statements() -> dict[str, list[ast.Import | ast.ImportFrom]]:
+    """The imports of each module, anywhere in its text."""
+    trees = {name: ast.walk(ast.parse(path.read_text())) for name, path in modules().items()}
+    return {
+        name: [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)] for name, nodes in trees.items()
+    }
+
+
+def imports_of(name: str, is_package: bool, known: set[str]) -> set[str]:
+    """The modules of the package that a module imports."""
     found = set()
     parents = name.split(".") if is_package or not name else name.split(".")[:-1]
-    for node in ast.walk(ast.parse(text)):
+    for node in statements()[name]:
         if isinstance(node, ast.Import):
             found |= {a.name.partition(".")[2] for a in node.names if a.name.split(".")[0] == PACKAGE}
         if isinstance(node, ast.ImportFrom):
@@ -53,10 +63,7 @@ def imports_of(name: str, text: str, is_package: bool, known: set[str]) -> set[s
 def graph() -> dict[str, set[str]]:
     """For each module those that it imports."""
     files = modules()
-    return {
-        name: imports_of(name, path.read_text(), path.name == "__init__.py", set(files)) - {name}
-        for name, path in files.items()
-    }
+    return {name: imports_of(name, path.name == "__init__.py", set(files)) - {name} for name, path in files.items()}
 
 
 def floor(name: str) -> int:
@@ -137,8 +144,8 @@ def users_of(package: str) -> set[str]:
     """The folders with a module that imports an outside package."""
     users = [
         name
-        for name, path in modules().items()
-        for node in ast.walk(ast.parse(path.read_text()))
+        for name, nodes in statements().items()
+        for node in nodes
         if (isinstance(node, ast.Import) and any(a.name.split(".")[0] == package for a in node.names))
         or (isinstance(node, ast.ImportFrom) and not node.level and (node.module or "").split(".")[0] == package)
     ]
