@@ -11,6 +11,7 @@ import midlie_jax as ml
 from midlie_jax import fitting
 from midlie_jax.asteroids import EllipsoidBrightness, Photometry, tumbling
 from midlie_jax.fitting.loss import as_loss
+from midlie_jax.fitting.parameters import Layout
 
 ZERO, NORTH = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 
@@ -240,7 +241,7 @@ def test_the_closed_form_fits_as_the_steps_do():
 def test_starts_are_values_in_their_range(parameter, limits):
     found = parameter.draw("x", np.random.default_rng(0), 200, limits)
     assert found.shape == (200, *parameter.initial.shape)
-    anchored = fitting.parameters.placed({"x": parameter}, {"x": jnp.asarray(found[0])})["x"]
+    anchored = Layout({"x": parameter}).placed({"x": jnp.asarray(found[0])}).guess["x"]
     np.testing.assert_allclose(anchored.value(anchored.vector()), found[0], rtol=1e-12, atol=1e-12)
     assert np.all(np.isfinite([parameter.compared(x) for x in found]))
     match parameter:

@@ -21,7 +21,7 @@ from .instruments import of_which
 from .loss import Loss, as_loss
 from .measurements import Measurement, check_parts
 from .noise import aliases_of
-from .parameters import Layout, placed
+from .parameters import Layout
 from .problem import Data, Model, Problem
 from .report import Fit, UndeterminedError, message_of
 from .sampling import Closed, Grid, check_grid, require_positive
@@ -143,7 +143,7 @@ def fit(
             raise ValueError(
                 f"ranges must allow a run that does not fail, got none in {starts} starts; check the model."
             )
-        data, ends = replace(data, layout=Layout(placed(guess, minima[0].values))), []
+        data, ends = replace(data, layout=data.layout.placed(minima[0].values)), []
     estimate = solved(plan, data, progress, ends)
     layout = data.layout
     groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())

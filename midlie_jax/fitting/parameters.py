@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, is_unit, require, require_finite
+from .._checks.arguments import as_finite, as_floats, as_positive, described, is_unit, require, require_finite
 from ..model import so3
 
 Scale = Literal["free", "fixed"]
@@ -105,8 +105,7 @@ class Free(Parameter):
     initial: Float[Array, "..."]
 
     def __init__(self, initial: Any):
-        self.initial = as_floats("initial", initial)
-        require_finite("initial", self.initial)
+        self.initial = as_finite("initial", initial)
 
     def vector(self) -> Float[Array, " size"]:
         return self.initial.reshape(-1)
@@ -142,8 +141,7 @@ class Periodic(Free):
 
     def __init__(self, initial: Any, period: Any = 2 * np.pi):
         super().__init__(initial)
-        self.period = jnp.broadcast_to(as_floats("period", period).astype(self.initial.dtype), self.initial.shape)
-        require("period", self.period, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "as in 1.0.")
+        self.period = jnp.broadcast_to(as_positive("period", period).astype(self.initial.dtype), self.initial.shape)
 
     def typical(self) -> Float[Array, " size"]:
         return self.period.reshape(-1) / (2 * np.pi)
@@ -175,8 +173,7 @@ class Positive(Parameter):
     initial: Float[Array, "..."]
 
     def __init__(self, initial: Any):
-        self.initial = as_floats("initial", initial)
-        _require_positive(self.initial)
+        self.initial = as_positive("initial", initial)
 
     def vector(self) -> Float[Array, " size"]:
         return jnp.log(self.initial).reshape(-1)
@@ -185,7 +182,26 @@ class Positive(Parameter):
         return jnp.exp(vector).reshape(self.initial.shape)
 
 
-class Moments(Parameter):
+class _Inertia(Parameter):
+    """Moments (3,) or a tensor (3, 3); `scale="fixed"` keeps their sum, or its trace, as in the guess."""
+
+    scale: Scale = eqx.field(static=True)
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        found = super().draw(name, rng, count, limits)
+        found = (found + np.swapaxes(found, 1, -1)) / 2  # changes tensors only
+        if self.scale == "free":
+            return found
+        scales = _total(np.asarray(self.initial)[None]) / _total(found)
+        return found * scales.reshape(-1, *[1] * self.initial.ndim)
+
+
+def _total(values: np.ndarray) -> np.ndarray:
+    """The sum of each row of moments (n, 3), or the trace of each tensor (n, 3, 3)."""
+    return np.sum(values if values.ndim == 2 else np.diagonal(values, axis1=1, axis2=2), axis=-1)
+
+
+class Moments(_Inertia):
     """Principal moments of inertia (3,), mass x length^2: positive, each less than the sum of the other two.
 
     I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. Their logarithms
@@ -209,11 +225,9 @@ class Moments(Parameter):
     """
 
     initial: Float[Array, "3"]
-    scale: Scale = eqx.field(static=True)
 
     def __init__(self, initial: Any, *, scale: Scale | str = "free"):
-        self.initial, self.scale = _of_shape(initial, (3,)), _checked_scale(scale)
-        _require_positive(self.initial)
+        self.initial, self.scale = as_positive("initial", _of_shape(initial, (3,))), _checked_scale(scale)
         require("initial", self.initial, lambda moments: moments @ _TRIANGLE > 0, _NOT_FLAT, _CURE_OF_FLAT)
 
     def vector(self) -> Float[Array, " size"]:
@@ -230,14 +244,8 @@ class Moments(Parameter):
     def unconstrained_labels(self) -> list[str]:
         return ["[0]", "[1]"] if self.scale == "fixed" else self.labels()
 
-    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
-        found = super().draw(name, rng, count, limits)
-        if self.scale == "fixed":
-            return found * (float(jnp.sum(self.initial)) / np.sum(found, axis=1, keepdims=True))
-        return found
 
-
-class InertiaTensor(Parameter):
+class InertiaTensor(_Inertia):
     """A full inertia tensor (3, 3) in any frame fixed in the body, mass x length^2, for `midlie_jax.TensorBody`.
 
     A tensor J belongs to a body if and only if its second moments of mass, Sigma = tr(J)/2 - J, are positive definite.
@@ -264,7 +272,6 @@ class InertiaTensor(Parameter):
     """
 
     initial: Float[Array, "3 3"]
-    scale: Scale = eqx.field(static=True)
 
     def __init__(self, initial: Any, *, scale: Scale | str = "free"):
         self.initial, self.scale = _of_shape(initial, (3, 3)), _checked_scale(scale)
@@ -293,13 +300,6 @@ class InertiaTensor(Parameter):
     def compared(self, value: Any) -> np.ndarray:
         return value / np.trace(value)
 
-    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
-        found = super().draw(name, rng, count, limits)
-        found = (found + np.swapaxes(found, 1, 2)) / 2
-        if self.scale == "fixed":
-            return found * (float(jnp.trace(self.initial)) / np.trace(found, axis1=1, axis2=2))[:, None, None]
-        return found
-
     def coordinates(self, value: Array) -> Float[Array, " k"]:
         """The six entries on and above the diagonal, row after row."""
         return value[np.triu_indices(3)]
@@ -312,7 +312,29 @@ class InertiaTensor(Parameter):
         return [*logs, "[0,1]", "[0,2]", "[1,2]"]
 
 
-class UnitQuaternion(Parameter):
+class _Unit(Parameter):
+    """A point of a unit sphere, as the guess rotated by a vector of angles."""
+
+    def vector(self) -> Float[Array, " size"]:
+        return jnp.zeros_like(self.initial[1:])
+
+    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
+        if _is_all(limits):
+            return _on_sphere(rng.standard_normal((count, self.initial.size)))
+        if isinstance(limits, bool) or not isinstance(limits, int | float) or not 0 < limits <= np.pi:
+            raise ValueError(
+                f'range of {name} must be "all", or the largest angle from the guess in radians, got {limits!r}.'
+            )
+        angles = self._within(float(limits), rng.uniform(0, 1, (count, 1)))
+        axes = _on_sphere(rng.standard_normal((count, self.initial.size - 1)))
+        return np.asarray(jax.vmap(self.value)(jnp.asarray(angles * axes)))
+
+    @abstractmethod
+    def _within(self, largest: float, share: np.ndarray) -> np.ndarray:
+        """The angle from the guess that holds this share of the values up to the largest angle."""
+
+
+class UnitQuaternion(_Unit):
     """An attitude, as a rotation from the guess: initial * exp(u), with the rotation vector u in the body frame.
 
     u is in radians and the map is one-to-one for |u| < pi. The coordinates are the rotation vector (3,) from the guess
@@ -336,9 +358,6 @@ class UnitQuaternion(Parameter):
         self.initial = _of_shape(initial, (4,))
         require("initial", self.initial, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
-    def vector(self) -> Float[Array, " size"]:
-        return jnp.zeros_like(self.initial[:3])
-
     def value(self, vector: Float[Array, " size"]) -> Array:
         return so3.multiply(self.initial / jnp.linalg.norm(self.initial), so3.exp(vector))
 
@@ -351,14 +370,11 @@ class UnitQuaternion(Parameter):
     def compared(self, value: Any) -> np.ndarray:
         return 2 * np.outer(value, value)
 
-    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
-        if _is_all(limits):
-            return _on_sphere(rng.standard_normal((count, 4)))
-        radius = _largest_angle(name, limits) * np.cbrt(rng.uniform(0, 1, (count, 1)))
-        return np.asarray(jax.vmap(self.value)(jnp.asarray(radius * _on_sphere(rng.standard_normal((count, 3))))))
+    def _within(self, largest: float, share: np.ndarray) -> np.ndarray:
+        return largest * np.cbrt(share)
 
 
-class UnitVector(Parameter):
+class UnitVector(_Unit):
     """A direction, such as of a field in the body frame: the guess rotated by u, perpendicular to it.
 
     u is in radians, with two components along fixed directions that are perpendicular to the guess and to each other;
@@ -382,9 +398,6 @@ class UnitVector(Parameter):
         self.initial = _of_shape(initial, (3,))
         require("initial", self.initial, is_unit, "must be a vector of length 1", "divide it by its norm.")
 
-    def vector(self) -> Float[Array, " size"]:
-        return jnp.zeros_like(self.initial[:2])
-
     def value(self, vector: Float[Array, " size"]) -> Array:
         guess, first, second = self._frame()
         return so3.rotate(so3.exp(jnp.cross(guess, vector[0] * first + vector[1] * second)), guess)
@@ -398,12 +411,9 @@ class UnitVector(Parameter):
     def compared(self, value: Any) -> np.ndarray:
         return value
 
-    def draw(self, name: str, rng: np.random.Generator, count: int, limits: Any) -> np.ndarray:
-        if _is_all(limits):
-            return _on_sphere(rng.standard_normal((count, 3)))
-        least = np.cos(_largest_angle(name, limits))
-        angle = np.arccos(rng.uniform(least, 1, (count, 1)))
-        return np.asarray(jax.vmap(self.value)(jnp.asarray(angle * _on_sphere(rng.standard_normal((count, 2))))))
+    def _within(self, largest: float, share: np.ndarray) -> np.ndarray:
+        least = np.cos(largest)
+        return np.arccos(least + (1 - least) * share)
 
     def _frame(self) -> tuple[Array, Array, Array]:
         """The guess, of length one, and two directions perpendicular to it and to each other."""
@@ -442,8 +452,8 @@ class Layout(eqx.Module):
 
     def values(self, vector: Float[Array, " p"]) -> Any:
         ends = np.cumsum([parameter.vector().size for parameter in self.parameters])
-        leaves = [p.value(vector[end - p.vector().size : end]) for p, end in zip(self.parameters, ends, strict=True)]
-        return jax.tree.unflatten(self.structure, leaves)
+        parts = zip(self.parameters, jnp.split(vector, ends[:-1]), strict=True)
+        return jax.tree.unflatten(self.structure, [parameter.value(part) for parameter, part in parts])
 
     def coordinates(self, vector: Float[Array, " p"]) -> Float[Array, " k"]:
         values = jax.tree.leaves(self.values(vector))
@@ -463,6 +473,12 @@ class Layout(eqx.Module):
         return [
             (jax.tree_util.keystr(path, simple=True, separator=".") or "value", parameter) for path, parameter in found
         ]
+
+    def placed(self, values: Any) -> "Layout":
+        """The layout of the guess with these values of its parameters."""
+        pairs = zip(self.parameters, jax.tree.leaves(values), strict=True)
+        leaves = [eqx.tree_at(lambda p: p.initial, parameter, jnp.asarray(value)) for parameter, value in pairs]
+        return Layout(jax.tree.unflatten(self.structure, leaves))
 
     @classmethod
     def checked(cls, guess: Any) -> "Layout":
@@ -489,14 +505,6 @@ def flatness(value: Array) -> Float[Array, ""]:
     return 1 - 2 * jnp.max(moments) / jnp.sum(moments)
 
 
-def placed(guess: Any, values: Any) -> Any:
-    """The guess with these values of its parameters."""
-    layout = Layout(guess)
-    pairs = zip(layout.parameters, jax.tree.leaves(values), strict=True)
-    leaves = [eqx.tree_at(lambda p: p.initial, parameter, jnp.asarray(value)) for parameter, value in pairs]
-    return jax.tree.unflatten(layout.structure, leaves)
-
-
 def _is_all(limits: Any) -> bool:
     return isinstance(limits, str) and limits == "all"
 
@@ -515,14 +523,6 @@ def _ends(name: str, initial: Any, limits: Any, unit: Any) -> tuple[np.ndarray, 
             'Only UnitVector, UnitQuaternion and Periodic allow "all".'
         )
     return low, high
-
-
-def _largest_angle(name: str, limits: Any) -> float:
-    if isinstance(limits, bool) or not isinstance(limits, int | float) or not 0 < limits <= np.pi:
-        raise ValueError(
-            f'range of {name} must be "all", or the largest angle from the guess in radians, got {limits!r}.'
-        )
-    return float(limits)
 
 
 def _on_sphere(vectors: np.ndarray) -> np.ndarray:
@@ -544,11 +544,6 @@ def _checked_scale(scale: Any) -> Scale:
     if scale == "free" or scale == "fixed":
         return scale
     raise ValueError(f"scale must be 'free' or 'fixed', got {scale!r}.")
-
-
-def _require_positive(value: Array) -> None:
-    cure = "check units and order."
-    require("initial", value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", cure)
 
 
 def _symmetric(tensor: np.ndarray) -> Any:

@@ -20,7 +20,7 @@ from jaxtyping import Int
 from .._checks.arguments import progress_line
 from .._xla.compiler import exact_jit
 from .measurements import Measurement
-from .parameters import Layout, placed
+from .parameters import Layout
 from .problem import Data, Problem
 from .solve import begin, look, within
 
@@ -124,7 +124,7 @@ def _improved(
 @exact_jit
 def _steps(problem: Problem, guess: Any, measurements: Any, values: Any, looks: Int[Array, ""]) -> tuple[Any, Array]:
     def one(start: Any) -> tuple[Any, Array]:
-        layout = Layout(placed(guess, start))
+        layout = Layout(guess).placed(start)
         data = Data(layout, measurements)
         search = begin(problem, data, layout.start())
         search = jax.lax.fori_loop(0, looks, lambda _, search: look(search, data, problem), search)
