@@ -16,11 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import is_unit, require
+from .._checks.arguments import described, is_unit, require, require_finite, shown
 from .._math import components as cp
 from .._xla.fusion import split
 from ..model import so3
-from .checks import as_numbers, as_positive, as_spread, broadcast, covariance_root
+
+_ROUNDED = 1e-6  # allowed error of correlations, because numbers may have been rounded to float32
 
 
 class Distribution(eqx.Module):
@@ -79,19 +80,19 @@ class Normal(Distribution):
     root: np.ndarray | None
 
     def __init__(self, mean: Any, deviation: Any = None, *, covariance: Any = None):
-        self.mean, self.deviation, self.root = as_numbers("mean", mean), None, None
+        self.mean, self.deviation, self.root = _as_numbers("mean", mean), None, None
         if (deviation is None) == (covariance is None):
             got = "neither" if deviation is None else "both"
             raise ValueError(f"deviation or covariance must be given, got {got}; pass one of the two.")
         if covariance is None:
-            self.mean, self.deviation = broadcast(mean=self.mean, deviation=as_spread("deviation", deviation))
+            self.mean, self.deviation = _broadcast(mean=self.mean, deviation=_as_spread("deviation", deviation))
             return
         if self.mean.ndim != 1:
             raise ValueError(
                 f"mean must be a vector (d,) with a covariance, got shape {self.mean.shape}; for several "
                 "quantities use Joint."
             )
-        self.root = covariance_root(covariance, self.mean.size, "the mean")
+        self.root = _covariance_root(covariance, self.mean.size)
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         standard = jax.random.normal(key, self.mean.shape, dtype)
@@ -131,8 +132,8 @@ class LogNormal(Distribution):
     log_deviation: np.ndarray
 
     def __init__(self, median: Any, deviation: Any):
-        spread = np.asarray(np.sqrt(np.log1p(as_spread("deviation", deviation) ** 2)))
-        self.median, self.log_deviation = broadcast(median=as_positive("median", median), deviation=spread)
+        spread = np.asarray(np.sqrt(np.log1p(_as_spread("deviation", deviation) ** 2)))
+        self.median, self.log_deviation = _broadcast(median=_as_positive("median", median), deviation=spread)
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         return jnp.asarray(self.median) * jnp.exp(self.log_deviation * jax.random.normal(key, self.median.shape, dtype))
@@ -161,7 +162,7 @@ class Uniform(Distribution):
     width: np.ndarray
 
     def __init__(self, low: Any, high: Any):
-        self.low, top = broadcast(low=as_numbers("low", low), high=as_numbers("high", high))
+        self.low, top = _broadcast(low=_as_numbers("low", low), high=_as_numbers("high", high))
         if np.any(self.low > top):
             raise ValueError(f"low must not exceed high, got low {low} and high {high}; exchange them.")
         self.width = np.asarray(top - self.low)
@@ -202,7 +203,7 @@ class Joint(Distribution):
             raise ValueError(
                 "mean must be a dictionary of names and means, such as {'mass': 2.0, 'offset': [0.0, 0.1]}."
             )
-        means = {name: as_numbers(f"mean[{name!r}]", value) for name, value in mean.items()}
+        means = {name: _as_numbers(f"mean[{name!r}]", value) for name, value in mean.items()}
         self.names, self.shapes = tuple(means), tuple(value.shape for value in means.values())
         self.normal = Normal(np.concatenate([value.reshape(-1) for value in means.values()]), covariance=covariance)
 
@@ -239,7 +240,7 @@ class Sphere(Distribution):
     radius: np.ndarray
 
     def __init__(self, radius: Any = 1.0):
-        self.radius = as_positive("radius", radius)
+        self.radius = _as_positive("radius", radius)
         if self.radius.ndim:
             raise ValueError(f"radius must be a single number, got shape {self.radius.shape}; scale the drawn vectors.")
 
@@ -289,7 +290,7 @@ class RotationNear(Distribution):
     error: Normal
 
     def __init__(self, attitude: Any, deviation: Any = None, *, covariance: Any = None):
-        given = as_numbers("attitude", attitude)
+        given = _as_numbers("attitude", attitude)
         if given.shape != (4,):
             raise ValueError(f"attitude must be one quaternion (4,), got shape {given.shape}; scatter one mean only.")
         require("attitude", given, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its length.")
@@ -309,7 +310,7 @@ class _Table(Distribution):
     values: np.ndarray
 
     def __init__(self, values: Any):
-        self.values = as_numbers("values", values)
+        self.values = _as_numbers("values", values)
         if not self.values.ndim or not len(self.values):
             raise ValueError(f"values must have at least one row along its first axis, got shape {self.values.shape}.")
 
@@ -374,3 +375,90 @@ class Key(Distribution):
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         return key
+
+
+def _as_numbers(name: str, value: Any) -> np.ndarray:
+    """`value` as a finite float64 NumPy array, so that no digit depends on JAX's x64 setting; else a ValueError."""
+    if cp.is_traced(value):
+        raise ValueError(f"{name} is traced; make distributions outside jit, vmap and grad.")
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiu":
+            raise TypeError
+        numbers = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers, got {described(value)}.") from error
+    require_finite(name, numbers)
+    return numbers
+
+
+def _as_spread(name: str, value: Any) -> np.ndarray:
+    numbers = _as_numbers(name, value)
+    require(name, numbers, lambda x: x >= 0, "must not be negative", "pass the standard deviation, not its negative.")
+    return numbers
+
+
+def _as_positive(name: str, value: Any) -> np.ndarray:
+    numbers = _as_numbers(name, value)
+    require(name, numbers, lambda x: x > 0, "must be positive", "use Normal for numbers of either sign.")
+    return numbers
+
+
+def _broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The arrays, each broadcast to their common shape; raises a ValueError if there is none."""
+    try:
+        return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))
+    except ValueError as error:
+        shapes = " and ".join(f"{name} {x.shape}" for name, x in arrays.items())
+        raise ValueError(
+            f"{shapes} do not fit together; give both one shape, or one of them as a single number."
+        ) from error
+
+
+def _covariance_root(covariance: Any, size: int) -> np.ndarray:
+    """A matrix S with S S^T = covariance, which must be (size, size): deviations times a root of the correlations.
+
+    The covariance itself is not decomposed, because rounding errors relative to its largest entry would destroy the
+    small entries if the quantities differ much in size. The root of the correlations is the symmetric positive
+    semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root from eigenvectors
+    alone has program-dependent signs.
+
+    Raises:
+        ValueError: the covariance has another shape, is not symmetric, or has a negative variance, a correlation beyond
+            1, or correlations with a negative eigenvalue.
+    """
+    matrix = _as_numbers("covariance", covariance)
+    if matrix.shape != (size, size):
+        raise ValueError(
+            f"covariance must have shape ({size}, {size}), one row for each number of the mean, got {matrix.shape}."
+        )
+    variances = np.diagonal(matrix)
+    for k in np.flatnonzero(variances < 0):
+        raise ValueError(
+            f"covariance[{k}, {k}] is a variance and must not be negative, got {variances[k]:.3g}; pass the squares of "
+            "the deviations."
+        )
+    deviations = np.sqrt(variances)
+    unit = np.where(deviations > 0, deviations, 1)  # the unit of each number
+    correlations = matrix / unit[:, None] / unit  # 0 for a number that does not vary
+    for i, k in np.argwhere(((deviations == 0)[:, None] | (deviations == 0)) & (matrix != 0)):
+        raise ValueError(
+            f"covariance[{i}, {k}] is {matrix[i, k]:.3g}, but a variance is zero there, so it must be 0; pass 0."
+        )
+    if np.any(np.abs(correlations - correlations.T) > _ROUNDED):
+        raise ValueError(
+            f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding."
+        )
+    for i, k in np.argwhere(np.abs(correlations) > 1 + _ROUNDED):
+        raise ValueError(
+            f"covariance[{i}, {k}] is {matrix[i, k]:.3g}, a correlation of {correlations[i, k]:.3g}; it must not "
+            "exceed the product of the two deviations."
+        )
+    correlations = (correlations + correlations.T) / 2
+    values, vectors = np.linalg.eigh(correlations)
+    if values.min(initial=0.0) < -_ROUNDED * values.max(initial=0.0):
+        raise ValueError(
+            f"covariance must be positive semi-definite, but its correlations {shown(correlations)} have the "
+            f"eigenvalue {values[0]:.3g}; check their signs."
+        )
+    return deviations[:, None] * ((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
