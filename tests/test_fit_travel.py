@@ -127,7 +127,7 @@ def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
     torque, potential = FIELDS[name]
     body, lever = ml.FreeBody(BODIES[kind], MASS), np.array([0.1, -0.05, 0.08])
     state = ml.FreeState([0.3, -0.5, 0.4], turn(0.5, -0.3, 0.8), [1.0, 2.0, -1.0], [4.0, -3.0, 5.0])
-    seen = fitting.Accelerations([0.0], np.zeros((1, 3)), 1.0, lever=lever).of_run(torque, jnp.zeros(1))
+    seen = fitting.Accelerations([0.0], np.zeros((1, 3)), 1.0, lever=lever).of_run(torque)
     found = quick(lambda s: seen.expected(jnp.zeros(()), s, body, {}))(state)
 
     acting = ml.torques.Wrench.of(ml.torques.on_body(torque, body)(jnp.zeros(()), state))
@@ -166,6 +166,6 @@ def test_an_accelerometer_in_orbit_feels_three_times_the_centrifugal_force(dtype
         (ml.torques.PointMass(jnp.asarray(mu, dtype)), body, ml.FreeState(*numbers), None),
         (gradient, body.body, ml.RigidState(*numbers[:2]), jnp.zeros(3, dtype)),
     ):
-        seen = fitting.Accelerations(zero[None], values, gravity=gravity, **options).of_run(torque, zero[None])
+        seen = fitting.Accelerations(zero[None], values, gravity=gravity, **options).of_run(torque)
         found = quick(lambda s, seen=seen, one=one: seen.expected(zero, s, one, {}))(state)
         np.testing.assert_allclose(found, [-3 * n * n * lever, 0, 0], rtol=1e-5, atol=1e-12)

@@ -113,7 +113,7 @@ class Photometry(Recorded):
         of_present = jnp.where(self.present[:, None], self.of_night, 0.0)
         self.means = magnitudes @ of_present / jnp.maximum(jnp.sum(of_present, axis=0), 1.0)
         self.values = jnp.where(self.present, magnitudes - self.of_night @ self.means, 0.0)
-        self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
+        self.sigma, self.clock, self.bias = deviations(sigma, self.values), source("clock", clock, ()), None
         self.sun, self.observer = (_directions(name, x, count) for name, x in (("sun", sun), ("observer", observer)))
         self.light = with_arrays(light)
 

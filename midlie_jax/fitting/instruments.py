@@ -52,15 +52,11 @@ class Rates(Expected):
         8
     """
 
-    bias: Source | None
-
     def __init__(self, times: Any, values: Any, sigma: Any, bias: Part = None, *, clock: Part = None):
-        self._record(times, values, sigma, (3,), clock)
-        self.bias = source("bias", bias, (3,))
+        self._record(times, values, sigma, (3,), clock, bias)
 
     def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
-        rates = body.velocity(state.momentum)
-        return rates if self.bias is None else rates + self.bias(parameters)
+        return body.velocity(state.momentum)
 
 
 class Attitudes(Recorded):
@@ -122,11 +118,9 @@ class Directions(Recorded):
     """
 
     reference: Source
-    bias: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, reference: Any, bias: Part = None, clock: Part = None):
-        self.bias = source("bias", bias, (3,))
-        self._record(times, values, sigma, (3,), clock, angles=2)
+        self._record(times, values, sigma, (3,), clock, bias, angles=2)
         if bias is None:
             self.values = _unit("values", self.values)
         if isinstance(reference, str) or callable(reference):
@@ -140,11 +134,10 @@ class Directions(Recorded):
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         del body
-        measured = self.values
+        measured = self.unbiased(parameters)
         reference = jnp.broadcast_to(self.reference(parameters), measured.shape)
         expected = cp.pack(states.seen_from_body(cp.vector(reference)))
         if self.bias is not None:
-            measured = measured - self.bias(parameters)[None]
             square = jnp.sum(measured**2, axis=-1, keepdims=True)
             measured = measured / jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
         first, second = perpendicular(measured)
@@ -250,7 +243,6 @@ class Accelerations(Expected):
 
     lever: Source
     gravity: Source | None
-    bias: Source | None
     run: tuple[TorqueLike | None] | None  # the torque of the model, if available
 
     def __init__(
@@ -264,12 +256,11 @@ class Accelerations(Expected):
         bias: Part = None,
         clock: Part = None,
     ):
-        self._record(times, values, sigma, (3,), clock)
+        self._record(times, values, sigma, (3,), clock, bias)
         self.lever, self.gravity = Source.of("lever", lever, (3,)), source("gravity", gravity, (3,))
-        self.bias, self.run = source("bias", bias, (3,)), None
+        self.run = None
 
-    def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Accelerations":
-        del times
+    def of_run(self, torque: TorqueLike | None) -> "Accelerations":
         return eqx.tree_at(lambda m: m.run, self, (torque,), is_leaf=lambda x: x is None)
 
     def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
@@ -291,7 +282,7 @@ class Accelerations(Expected):
             tide = term.tide(t, state, cp.vector(lever)) if isinstance(term, Torque) else None
             if tide is not None:
                 measured = measured - cp.pack(tide)
-        return measured if self.bias is None else measured + self.bias(parameters)
+        return measured
 
 
 def _gravitational(term: TorqueLike) -> bool:

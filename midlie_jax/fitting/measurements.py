@@ -6,7 +6,7 @@ file `instruments` has common measurements.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import equinox as eqx
@@ -92,6 +92,11 @@ class Measurement(eqx.Module):
             states: the model's states at `times`.
         """
 
+    def unbiased(self, parameters: Any) -> Array:
+        """The values without the bias of the instrument, if it has one."""
+        bias = getattr(self, "bias", None)
+        return self.values if bias is None else self.values - bias(parameters)[None]
+
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
         """The measurement of one body, that body, and its states; raises a ValueError if the model holds several."""
         if states.several:
@@ -101,9 +106,9 @@ class Measurement(eqx.Module):
             )
         return self, body, states
 
-    def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Measurement":
-        """The measurement for a run under this torque at the `times` of its states; by default, itself."""
-        del torque, times
+    def of_run(self, torque: TorqueLike | None) -> "Measurement":
+        """The measurement for a run under this torque; by default, itself."""
+        del torque
         return self
 
     @property
@@ -130,8 +135,11 @@ class Recorded(Measurement):
     sigma: Float[Array, "n ..."]
     present: Bool[Array, "n ..."]
     clock: Source | None
+    bias: Source | None
 
-    def _record(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any, angles: int = 0) -> None:
+    def _record(
+        self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any, bias: Any = None, angles: int = 0
+    ) -> None:
         """Checks and stores the arguments of an instrument, with values of this shape at each time.
 
         If the residuals are `angles`, so many for each value, a value is present or missing as a whole.
@@ -142,7 +150,8 @@ class Recorded(Measurement):
             # A missing row must still hold a rotation or direction, because derivatives read it.
             self.values = jnp.where(self.present, self.values, jnp.eye(*shape, dtype=like.dtype)[:1])
             self.present, like = self.present[:, :angles], like[:, :angles]
-        self.sigma, self.clock = deviations(sigma, like), source("clock", clock, ())
+        self.sigma = deviations(sigma, like)
+        self.clock, self.bias = source("clock", clock, ()), source("bias", bias, (3,))
 
 
 class Expected(Recorded):
@@ -150,11 +159,12 @@ class Expected(Recorded):
 
     @abstractmethod
     def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
-        """The expected value of the instrument at one time, of the shape of one value."""
+        """The expected value at one time without the bias of the instrument, of the shape of one value."""
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         times = self.times_of_model(parameters)
-        return jax.vmap(lambda t, state: self.expected(t, state, body, parameters))(times, states) - self.values
+        found = jax.vmap(lambda t, state: self.expected(t, state, body, parameters))(times, states)
+        return (found if self.bias is None else found + self.bias(parameters)[None]) - self.values
 
 
 class Observed(Expected):
@@ -264,6 +274,12 @@ def deviations(sigma: Any, like: Array) -> Array:
         raise ValueError(
             f"sigma must broadcast to {like.shape}, got {array.shape}; give one number for all rows."
         ) from None
+
+
+def parted(measurements: Sequence[Measurement], residuals: Any) -> list[Array]:
+    """All residuals (r,), cut into one array per measurement, of the shape of its `present`."""
+    parts = jnp.split(residuals, np.cumsum([m.present.size for m in measurements])[:-1])
+    return [part.reshape(m.present.shape) for m, part in zip(measurements, parts, strict=True)]
 
 
 def check_parts(measurement: Measurement, names: set[str]) -> None:

@@ -19,7 +19,7 @@ from scipy.special import ndtri  # SciPy is a dependency of JAX
 from ..model import so3
 from ..model.bodies import principal_of
 from .instruments import Accelerations, Attitudes, Directions, Rates, of_which
-from .measurements import Measurement, Observed
+from .measurements import Measurement, Observed, parted
 from .problem import Model
 
 _FEW = 12  # with fewer rows, the correlation of neighbours is not tested
@@ -66,11 +66,8 @@ def remainders_of(
     measurements: Sequence[Measurement], residuals: Float[Array, " r"], parameters: Any
 ) -> list[Remainder]:
     """The remainder of each measurement, from all residuals over sigma and the values of the parameters."""
-    ends = np.cumsum([m.present.size for m in measurements])
-    return [
-        _remainder(m, residuals[end - m.present.size : end].reshape(m.present.shape), parameters)
-        for m, end in zip(measurements, ends, strict=True)
-    ]
+    parts = zip(measurements, parted(measurements, residuals), strict=True)
+    return [_remainder(measurement, part, parameters) for measurement, part in parts]
 
 
 def _negligible(dtype: Any) -> float:
@@ -86,8 +83,7 @@ def _remainder(measurement: Measurement, over_sigma: Array, parameters: Any) -> 
         return jnp.sum(jnp.where(present, x, jnp.zeros_like(x)) ** 2)
 
     angles = isinstance(m, Attitudes | Directions)
-    bias = getattr(m, "bias", None)
-    values = m.values if bias is None else m.values - bias(parameters)[None]
+    values = m.unbiased(parameters)
     spread = squares(_relative_to_mean(m, values) / sigma)
     if angles:
         signal = squares(1 / sigma)
@@ -262,8 +258,7 @@ def _speed(measurements: list[Measurement], body: Any, state: Any, values: Any) 
     """The usual measured speed; the initial speed if no rates are measured."""
     for m in measurements:
         if isinstance(m, Rates):
-            bias = 0.0 if m.bias is None else np.asarray(m.bias(values))
             complete = np.all(np.asarray(m.present), axis=1)
             if complete.any():
-                return float(np.median(np.linalg.norm(np.asarray(m.values)[complete] - bias, axis=1)))
+                return float(np.median(np.linalg.norm(np.asarray(m.unbiased(values))[complete], axis=1)))
     return float(np.linalg.norm(jax.tree.leaves(body.velocity(state.momentum))[0]))

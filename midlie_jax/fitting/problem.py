@@ -84,7 +84,7 @@ class Problem(eqx.Module):
         for measurement in data.measurements:
             end = begin + measurement.times.shape[0]
             here = jax.tree.map(lambda x, a=begin, b=end: x[a:b], states)
-            raw = measurement.of_run(torque, times[begin:end]).residuals(values, body, here)
+            raw = measurement.of_run(torque).residuals(values, body, here)
             left, best = measurement.eliminated(raw, self.loss)
             found.append(left if self.loss is None else self.loss.counted(left))
             linear.append(best)
@@ -108,8 +108,7 @@ class Problem(eqx.Module):
         times = path.times[0, places]
         for m in data.measurements:
             if isinstance(m, Rates):
-                rates = m.values[_nearest(m, times)]
-                rates = rates if m.bias is None else rates - m.bias(values)[None]
+                rates = m.unbiased(values)[_nearest(m, times)]
                 states = eqx.tree_at(lambda s: s.momentum, states, jax.vmap(body.momentum)(rates))
             if isinstance(m, Attitudes):  # it is compared only with states that have an attitude
                 states = eqx.tree_at(lambda s: s.attitude, states, m.values[_nearest(m, times)])
