@@ -4,7 +4,6 @@
 in words. `fit_arrays` (in `solve`) is the same search without words, for many data sets.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,14 +15,13 @@ from .._checks.arguments import as_count, described, require_function
 from ..drivers.arguments import as_method
 from ..integrators.base import Method
 from .checks import checked_model
-from .estimate import Result, complaint, confounded
+from .estimate import Result
 from .instruments import of_which
 from .loss import Loss, as_loss
 from .measurements import Measurement, check_parts
-from .noise import aliases_of
 from .parameters import Layout
 from .problem import Data, Model, Problem
-from .report import Fit, UndeterminedError, message_of
+from .report import Fit, UndeterminedError
 from .sampling import Closed, Grid, check_grid, require_positive
 from .search import Minimum, minima_of, starts_over
 from .solve import Plan, Solver, solved
@@ -144,13 +142,8 @@ def fit(
                 f"ranges must allow a run that does not fail, got none in {starts} starts; check the model."
             )
         data, ends = replace(data, layout=data.layout.placed(minima[0].values)), []
-    estimate = solved(plan, data, progress, ends)
-    layout = data.layout
-    groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
-    message = message_of(plan, data, estimate, complaint(groups, layout.named()))
-    aliases = aliases_of(model, data.measurements, estimate.values)
-    found = Fit(estimate, layout, data.measurements, groups, message, aliases, minima, plan.problem)
-    if groups and require_rank and found.result is Result.UNDETERMINED:
+    found = Fit(plan, data, solved(plan, data, progress, ends), minima)
+    if found.confounded and require_rank and found.result is Result.UNDETERMINED:
         raise UndeterminedError(found)
     return found
 
@@ -257,5 +250,8 @@ def _ends(first: Any, plan: Plan, data: Data) -> list[float]:
         raise ValueError("first_span must be None if a solver is given, got both; leave out `solver`.")
     t0 = plan.problem.grid.t0
     span = max(float(np.max(m.times)) for m in data.measurements) - t0
-    count = max(0, math.ceil(math.log2(span / first))) if span > first else 0
-    return [t0 + first * 2**k for k in range(count)]
+    found = list[float]()
+    while first < span:
+        found.append(t0 + first)
+        first *= 2
+    return found

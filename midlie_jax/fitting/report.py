@@ -4,7 +4,7 @@ The words are computed after the fit, so that a successful fit takes no time for
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -12,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks.arguments import as_count
-from .estimate import CONFIDENCE, Estimate, Result
+from .estimate import CONFIDENCE, Estimate, Result, complaint, confounded
 from .instruments import Accelerations, Attitudes, Rates, of_which
-from .loss import Loss
-from .measurements import Measurement
-from .noise import Doubt, Remainder, doubts, explained, outliers_of, remainders_of, within_sigmas
-from .parameters import InertiaTensor, Layout, Moments, flatness
-from .problem import Data, Problem, linear_unknowns
+from .measurements import Measurement, parted
+from .noise import Doubt, Remainder, aliases_of, doubts, explained, outliers_of, remainders_of, within_sigmas
+from .parameters import InertiaTensor, Moments, flatness
+from .problem import Data, linear_unknowns
 from .sampling import Closed
 from .search import Minimum
 from .solve import Plan
@@ -62,22 +61,15 @@ class Fit:
         (True, ['momentum[0]', 'momentum[1]', 'momentum[2]'], (3, 2))
     """
 
-    def __init__(
-        self,
-        estimate: Estimate,
-        layout: Layout,
-        measurements: tuple[Measurement, ...],
-        confounded: list[list[str]],
-        message: str,
-        aliases: str = "",
-        minima: Sequence[Minimum] = (),
-        problem: Problem | None = None,
-    ):
-        self.estimate, self.confounded, self.message, self.aliases = estimate, confounded, message, aliases
-        self.minima = list(minima)
-        self._layout, self._measurements, self._problem = layout, measurements, problem
+    def __init__(self, plan: Plan, data: Data, estimate: Estimate, minima: list[Minimum]):
+        self.estimate, self.minima = estimate, minima
+        self._data, self._problem, self._loss = data, plan.problem, plan.problem.loss
+        self._layout = layout = data.layout
         self.values: Any = estimate.values
         self.names = layout.names()
+        self.confounded = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
+        self.message = _message(plan, data, estimate, complaint(self.confounded, layout.named()))
+        self.aliases = aliases_of(plan.problem.model, data.measurements, estimate.values)
         self.coordinates, self.covariance, self.intervals = (
             np.asarray(x) for x in (estimate.coordinates, estimate.covariance, estimate.intervals)
         )
@@ -88,15 +80,12 @@ class Fit:
 
     def residuals(self) -> list[np.ndarray]:
         """The residuals over sigma of each measurement, of the shape of its `present`; NaN where missing."""
-        masks = [np.asarray(m.present) for m in self._measurements]
-        parts = np.split(np.asarray(self.estimate.residuals), np.cumsum([mask.size for mask in masks])[:-1])
-        return [np.where(mask, part.reshape(mask.shape), np.nan) for mask, part in zip(masks, parts, strict=True)]
+        parts = parted(self._data.measurements, self.estimate.residuals)
+        return [np.where(m.present, part, np.nan) for m, part in zip(self._data.measurements, parts, strict=True)]
 
     def zero_points(self) -> list[np.ndarray]:
         """For each measurement its linear unknowns, such as the zero points of the `nights` of a `Photometry`."""
-        assert self._problem is not None
-        data = Data(self._layout, self._measurements)
-        return [np.asarray(x) for x in linear_unknowns(self._problem, data, self.estimate.vector)]
+        return [np.asarray(x) for x in linear_unknowns(self._problem, self._data, self.estimate.vector)]
 
     @property
     def outliers(self) -> list[np.ndarray]:
@@ -121,7 +110,7 @@ class Fit:
         residuals = self.residuals()
         if self._loss is not None:  # which outliers do not disturb, nor must they hide a correlation
             residuals = [np.asarray(self._loss.judged(jnp.asarray(x))) for x in residuals]
-        found = [d for d in doubts(residuals, self._measurements) if self._loss is None or not d.rows]
+        found = [d for d in doubts(residuals, self._data.measurements) if self._loss is None or not d.rows]
         of_search = self._rivals() if self.minima else []
         if self.minima and any(not doubt.rows for doubt in found):
             of_search.append("the search may have ended in a wrong minimum; give more starts, or another first_span")
@@ -140,10 +129,6 @@ class Fit:
                 found.append(f"minima[{k}] ({math.sqrt(worse):.2g})")
         told = ", ".join(found[:_TOLD])
         return [f"chance may decide which minimum is the best; less than 5 sigma worse: {told}"] if found else []
-
-    @property
-    def _loss(self) -> Loss | None:
-        return None if self._problem is None else self._problem.loss
 
     @property
     def flat(self) -> list[str]:
@@ -228,7 +213,7 @@ class Fit:
         if flat := self.flat:
             lines.append(f"{', '.join(flat)}: the data hardly tell this body from a flat one, see Fit.flat")
         if self._loss is not None:
-            far = [d.text for d in doubts(self.residuals(), self._measurements) if d.rows]
+            far = [d.text for d in doubts(self.residuals(), self._data.measurements) if d.rows]
             lines += [f"outliers, which the loss counts less: {text}" for text in far]
         if self.minima:
             told = ", ".join(f"{found.chi_squared:.6g} ({found.starts} starts)" for found in self.minima[:_TOLD])
@@ -270,7 +255,7 @@ class UndeterminedError(ValueError):
         self.result = result
 
 
-def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) -> str:
+def _message(plan: Plan, data: Data, estimate: Estimate, undetermined: str) -> str:
     """The text of `Fit.message`; `undetermined` is from `complaint`."""
     result = Result.of(int(estimate.result))
     if result is Result.RUN_FAILED:
