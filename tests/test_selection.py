@@ -9,7 +9,6 @@ import pytest
 from cases import setup, true_motion
 
 import midlie_jax as ml
-from midlie_jax.advice import reasons
 from midlie_jax.advice import recommend as selection
 from midlie_jax.advice.one_direction import one_direction
 from midlie_jax.model import so3
@@ -174,7 +173,7 @@ def test_a_torque_that_reads_one_direction_alone_is_known(torque, direction):
 def test_a_state_that_takes_less_time_is_named(monkeypatch, worth, said):
     """Of a Runge-Kutta method, with the time that was measured; not where it is not worth a word."""
     monkeypatch.setattr(selection, "candidates", lambda *_, **__: ["GBS8"])
-    monkeypatch.setattr(reasons, "_WORTH", worth)
+    monkeypatch.setattr(selection, "_WORTH", worth)
     found = ml.recommend(BODY, TOP, START, tolerance=1e-4, duration=50.0, symplectic=False)
     assert ("on a midlie_jax.DirectionState, the same run is" in found.note) == said
 

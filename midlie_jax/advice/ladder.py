@@ -52,24 +52,33 @@ class Run(NamedTuple):
     seconds: float
 
 
+class Case(NamedTuple):
+    """The motion for which methods are compared, of the duration `span`; `length` is as in `recommend`."""
+
+    body: Any
+    torque: Any
+    start: AnyState
+    t0: Array
+    span: float
+    length: float | None
+
+
 class Candidate:
     """A method compiled for the motion; `runs` has all its runs by their numbers of steps."""
 
-    def __init__(
-        self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array, length: float | None
-    ):
-        self.name, self.span, self.length, self.dtype = name, span, length, start.momentum.dtype
-        starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
-        self.program = Program(find_method(name), body, torque, starts, t0=t0)
+    def __init__(self, name: str, case: Case):
+        self.name, self.case = name, case
+        starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), case.start)
+        self.program = Program(find_method(name), case.body, case.torque, starts, t0=case.t0)
         # The time of a call without steps, which is subtracted from the time of every run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
         self.runs = dict[int, Run]()
 
     def run(self, steps: int) -> Run:
-        step = self.span / max(steps, 1)
+        step = self.case.span / max(steps, 1)
         (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
-        end = _place(states, self.length)
+        end = _place(states, self.case.length)
         seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
         return Run(end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
 
@@ -93,7 +102,7 @@ class Candidate:
             coarse_steps, coarse_run = self._added(coarse_steps // 2)
             if distance(before, coarse_run) > 2 * tolerance:
                 break
-        change, rounding = math.inf, _ROUNDING * float(np.finfo(self.dtype).eps)
+        change, rounding = math.inf, _ROUNDING * float(np.finfo(self.case.start.momentum.dtype).eps)
         while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
             before, last = run, change
             steps, run = self._added(2 * steps)
@@ -111,7 +120,7 @@ class Candidate:
 
     def trial(self, steps: int, run: Run, exact: np.ndarray) -> Trial:
         error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
-        return Trial(self.name, self.span / steps, steps, error, run.seconds, run.ok)
+        return Trial(self.name, self.case.span / steps, steps, error, run.seconds, run.ok)
 
     def trials(self, exact: np.ndarray) -> list[Trial]:
         return [self.trial(steps, run, exact) for steps, run in sorted(self.runs.items())]

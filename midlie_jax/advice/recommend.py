@@ -9,16 +9,17 @@ smaller steps.
 """
 
 import math
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from .._checks.arguments import described, progress_line, require, require_numbers, shown
 from ..drivers.arguments import as_scalar, check_clock, check_system
+from ..integrators.base import Method
 from ..integrators.registry import ENTRIES, exact_flight
 from ..integrators.registry import method as find_method
 from ..integrators.runge_kutta import RungeKutta
@@ -30,14 +31,16 @@ from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check
-from .ladder import Candidate, Trial, distance, fits_of
+from .facts import Facts
+from .ladder import Candidate, Case, Trial, distance, fits_of
 from .one_direction import one_direction
-from .reasons import exact_method, limit_of_step, of_a_direction, speed_of, why_none
 from .trials import MOST_STEPS
 
 _FIRST_TURN = 0.5  # rotation of the body per step of the first guess, radians
 _SLOWER = 1.5  # a candidate is dropped once it is this many times slower than the fastest within the tolerance
 _LEAST = 64  # smallest tolerance, in units of eps: rounding hides smaller errors
+_WORTH = 0.9  # share of the run time below which another state is mentioned
+_STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
 
 
 class Recommendation(NamedTuple):
@@ -157,15 +160,17 @@ def recommend(
         raise ValueError("duration must not be zero; give the duration of the motion.")
     t0 = as_scalar("t0", t0, start.momentum.dtype)
     refused = "recommend needs a deterministic run, and a heat bath is random"
-    check_system(find_method(exact_method(body)), body, torque, start, bath=refused)
-    names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
-    guess = max(1, math.ceil(abs(span) * speed_of(body, start) / _FIRST_TURN))
+    check_system(_exact_method(body), body, torque, start, bath=refused)
+    system = System.of(body, torque, start, jnp.zeros((), start.momentum.dtype))
+    names = candidates(body, torque, symplectic, reads_momentum=system.reads_momentum)
+    case = Case(body, torque, start, t0, span, length)
+    guess = max(1, math.ceil(abs(span) * _speed(case) / _FIRST_TURN))
     check_clock(t0, np.asarray(span / guess, start.momentum.dtype))
     compiled: dict[str, Candidate] = {}
     show = progress_line(progress)
     for n, name in enumerate(names, 1):
         show(f"recommend: {name} ({n} of {len(names)})")
-        candidate = Candidate(name, body, torque, start, span, t0, length)
+        candidate = Candidate(name, case)
         candidate.climb(guess, tolerance, _SLOWER * _fastest_seconds(compiled.values(), tolerance))
         compiled[name] = candidate
         if callable(progress):
@@ -173,9 +178,8 @@ def recommend(
     show("")
     ends = [end for candidate in compiled.values() for end in candidate.ends()]
     change, exact = min(ends, default=(math.inf, np.zeros(0)), key=lambda end: end[0])
-    why = partial(why_none, body, torque, start, t0, span, tolerance, compiled.values(), change)
     if change > tolerance / 3:
-        raise ValueError(why())
+        raise ValueError(_why_none(case, tolerance, compiled.values(), change))
     tried = {name: candidate.trials(exact) for name, candidate in compiled.items()}
     for _, name, steps in sorted(fit for trials in tried.values() for fit in fits_of(trials, tolerance)):
         longest = abs(check(name, body, torque, start, dt=span / steps, steps=min(steps, MOST_STEPS), t0=t0).suggested)
@@ -183,18 +187,22 @@ def recommend(
         best = compiled[name].confirmed(max(steps, fewest), exact, tolerance)
         if best is not None:
             every = (*(trial for trials in tried.values() for trial in trials), best)
-            note = limit_of_step(body, torque, start, t0, tried[name], best)
+            note = _limit_of_step(case, tried[name], best)
             if fewest > steps and not note:
                 note = "a larger step is accurate enough here, but `check` does not confirm it as sane."
             less = one_direction(body, torque, start, t0, span) if isinstance(find_method(name), RungeKutta) else None
             if less is not None:
-                seconds = Candidate(name, body, torque, less, span, t0, None).run(best.steps).seconds
-                note = " ".join(filter(None, (note, of_a_direction(seconds, best.seconds))))
-            return Recommendation(best.method, best.dt, best.steps, best.error, best.seconds, span, note, every)
-    raise ValueError(why())
+                seconds = Candidate(name, case._replace(start=less)).run(best.steps).seconds
+                if 0 < seconds < _WORTH * best.seconds:  # zero if the run is below the noise of the clock
+                    note += (
+                        " the torque reads one space direction only; without the attitude, on a "
+                        f"midlie_jax.DirectionState, the same run is {best.seconds / seconds:.1f} times faster."
+                    )
+            return Recommendation(*best[:5], span, note.lstrip(), every)
+    raise ValueError(_why_none(case, tolerance, compiled.values(), change))
 
 
-def _fastest_seconds(candidates: Iterable[Candidate], tolerance: float) -> float:
+def _fastest_seconds(candidates: Collection[Candidate], tolerance: float) -> float:
     """Seconds of the fastest run so far within the tolerance of the last end of its ladder; infinity if none."""
     ladders = [candidate.ladder() for candidate in candidates]
     near = [run.seconds for runs in ladders for run in runs if distance(run, runs[-1]) < tolerance]
@@ -219,5 +227,57 @@ def candidates(
     return names if symplectic else [*names, *general]
 
 
-def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
-    return System.of(body, torque, start, jnp.zeros((), start.momentum.dtype)).reads_momentum
+def _limit_of_step(case: Case, trials: Sequence[Trial], best: Trial) -> str:
+    """The limit of the step, if a larger step made a run fail rather than inaccurate; "" otherwise."""
+    failed = [t for t in trials if t.steps < best.steps and not t.ok]
+    if not failed or failed[-1].steps < best.steps / 4:
+        return ""
+    rate, stiff = _stiffness(case)
+    if stiff and rate * abs(failed[-1].dt) > 1:
+        return f"the torque is stiff: larger steps are unstable. {stiff}"
+    return "larger steps rotate the body beyond the reach of the flight's series."
+
+
+def _why_none(case: Case, tolerance: float, candidates: Collection[Candidate], change: float) -> str:
+    """Why there is no recommendation; `change` is the least change of the end by halving a step."""
+    runs = [(steps, run.ok) for candidate in candidates for steps, run in candidate.runs.items()]
+    most, failed = max(steps for steps, _ in runs), not all(ok for _, ok in runs)
+    tried = f"with up to {most} steps of {case.span / most:.1e}"
+    rate, stiff = _stiffness(case)
+    if not math.isfinite(rate):
+        return "the torque or its derivative is not finite at the start; check it for a division by zero."
+    if stiff and failed:
+        return f"the torque is stiff: no method reached {tolerance:.1e} {tried}. {stiff}"
+    if math.isinf(change):
+        return f"every run failed, {tried}; check the torque for NaN during the motion."
+    return (
+        f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still "
+        f"changes the end by {change:.1e}. Use a larger tolerance, a shorter duration (if "
+        "the motion is chaotic), or float64."
+    )
+
+
+def _speed(case: Case) -> float:
+    """|Omega| at the start; for a `SymmetricRotor`, the angular speed of its axis."""
+    return float(np.linalg.norm(np.asarray(case.body.turning.velocity(case.start.momentum), np.float64)))
+
+
+def _stiffness(case: Case) -> tuple[float, str]:
+    """The largest rate of the torque linearised at the start, and a message if it is stiff; "" otherwise.
+
+    The rate of the motion itself is the larger of |Omega| and the square root of |d Omega/dt|.
+    """
+    body, torque, start, t0, *_ = case
+    method = _exact_method(body)
+    facts = jax.tree.map(np.asarray, jax.jit(lambda: Facts.of(method, body, torque, start, t0))())
+    rate, own = float(np.max(np.abs(facts.rates))), max(_speed(case), float(facts.acceleration) ** 0.5)
+    if not math.isfinite(rate) or not rate > _STIFF * own:
+        return rate, ""
+    return rate, (
+        f"Its largest rate at the start is {rate:.1e} per unit of time, while the rate of the motion is {own:.1e}. Use "
+        "an implicit solver of diffrax: Kvaerno5() with midlie_jax.diffrax.RigidBodyTerm(body, torque)."
+    )
+
+
+def _exact_method(body: Body) -> Method:
+    return find_method(f"{exact_flight(body).name}[EA]")
