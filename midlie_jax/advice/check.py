@@ -10,25 +10,20 @@ import math
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count, require_numbers
 from ..drivers.arguments import as_method, as_scalar, check_clock, check_system
 from ..drivers.ensemble import as_batch
 from ..integrators.base import Method
-from ..integrators.limits import resonance, resonance_half_width
-from ..integrators.splitting import Splitting
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .facts import FAST
 from .jumps import jump_error
 from .rounding import Rounding
 from .trials import Trial, Trials
 
-_HARMONICS = (1, 2, 3)  # the resonances h omega = pi / k that are tested
 _MOST_COUPLED = 32  # coupled bodies whose torques are linearised together
 _NO_BATH = "check needs a deterministic run, and a heat bath is random"
 _LARGEST_JUMP, _SMALL_JUMP = 0.05, 1e-3  # relative errors of the impulse: not sane, printed
@@ -223,17 +218,15 @@ def check(
         check_system(method, body, torque, start, bath=_NO_BATH)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes, bath=_NO_BATH)
-    kicked = torque is not None and isinstance(method, Splitting)
-    return _judged(Trials(batch, steps if steps is None else as_count("steps", steps)), float(dt), kicked)
+    return _judged(Trials(batch, steps if steps is None else as_count("steps", steps)), float(dt))
 
 
-def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
-    """The verdict; `kicked` states whether there are kicks, which can resonate with the motion."""
+def _judged(trials: Trials, dt: float) -> Check:
     own, half, method = trials.run(dt), trials.run(dt / 2), trials.batch.method
-    nearest, harmonic, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
+    nearest, harmonic, resonant = own.resonance(own.h)
     bounds = own.bounds
     stable = own.fine and own.h <= bounds.longest and not resonant
-    suggested = max(_suggested(trials, own, dt, kicked), own.h if stable else 0.0)
+    suggested = max(_suggested(trials, own, dt), own.h if stable else 0.0)
     wrong = jump_error(trials.batch, dt, own.steps)
     error, judged = own.error(half, method.order)
     return Check(
@@ -243,13 +236,13 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     )  # fmt: skip
 
 
-def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
+def _suggested(trials: Trials, own: Trial, dt: float) -> float:
     """The largest step found that is off every resonance and confirmed by a separate trial; 0 if there is none."""
     h = min(own.longest_at_start, own.bounds.longest if own.fine else math.inf)
     if h in (0, math.inf):
         return h
     for _ in range(_TRIALS):
-        while _nearest_resonance(h, own.nutation, own.rates * kicked)[2]:
+        while own.resonance(h)[2]:
             h *= _OFF
         trial = trials.run(math.copysign(h, dt))
         if trial.fine and h <= trial.bounds.longest:
@@ -257,22 +250,3 @@ def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
         # The motion with this step may need a smaller one. The bounds of a failed trial are unreliable.
         h = max(trial.bounds.longest, _SHORTER * h) if trial.fine else _SHORTER * h
     return 0.0
-
-
-def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tuple[float, int, bool]:
-    """The resonance nearest to the motion of a body: omega h k / pi, k, and whether the body is within its width.
-
-    Only fast spins count, because a slow spin has no separate precession. The width assumes a torque with all of its
-    strength in the resonant harmonic. Without a fast spin the result is infinity, 0 and False.
-    """
-    fast = (rates > 0) & (nutation > FAST * rates)
-    if not np.any(fast):
-        return math.inf, 0, False
-    nutation, field = nutation[fast], rates[fast]
-    frequency = np.stack([nutation, field**2 / nutation])
-    frequency, k = np.broadcast_arrays(frequency, np.array(_HARMONICS)[:, None, None])
-    caught = np.abs(frequency - resonance(h, k)) < resonance_half_width(field, k)
-    ratio = frequency * h * k / np.pi
-    # Resonances that capture a body come first, then the nearest ones.
-    at = np.unravel_index(np.argmin(np.abs(np.log(ratio)) + np.where(caught, 0, 1e3)), ratio.shape)
-    return float(ratio[at]), int(k[at]), bool(caught[at])

@@ -14,14 +14,17 @@ from ..drivers.derivatives import Forward
 from ..drivers.ensemble import Batch
 from ..drivers.path import Path
 from ..integrators.base import Method
+from ..integrators.limits import resonance, resonance_half_width
+from ..integrators.splitting import Splitting
 from ..model.state import AnyState
 from ..model.states import RigidState
-from .facts import Facts, energies_if_constant, stability_limits
+from .facts import FAST, Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
 TURN_SHARE = 0.8  # a sane step rotates the body by at most this share of the reach of the method
 RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps per period for LIEMID[EA]
 ENERGY_SHARE = 0.5  # and changes the energy by at most this share of its scale
+_HARMONICS = (1, 2, 3)  # the resonances h omega = pi / k that are tested
 MOST_STEPS, _LEAST_STEPS, _BODY_STEPS = 10_000, 100, 2_000_000  # steps of a trial: per body, and of all bodies
 _MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states looked at, likewise
 
@@ -63,7 +66,8 @@ class Trial(NamedTuple):
         steps, lasted, energy_error: as in `Check`.
         bounds: the steps allowed by reach and stability limit along the motion.
         longest_at_start: the largest step allowed by both at the start.
-        nutation, rates: from `Facts` for each body at the start, (bodies,); for the rates, the largest modulus.
+        nutation, rates: from `Facts` for each body at the start, (bodies,); for the rates, the largest modulus, or zero
+            without kicks, which can resonate with the motion.
         rounding: the estimate of rounding errors, from the time averages of the `Facts` of each body.
         states: the sampled states, (bodies, times).
     """
@@ -72,12 +76,30 @@ class Trial(NamedTuple):
     steps: int
     lasted: int
     energy_error: float
-    bounds: "Bounds"
+    bounds: Bounds
     longest_at_start: float
     nutation: np.ndarray
     rates: np.ndarray
     rounding: Rounding
     states: Any
+
+    def resonance(self, h: float) -> tuple[float, int, bool]:
+        """The resonance nearest to the motion of a body: omega h k / pi, k, and whether the body is within its width.
+
+        Only fast spins count, because a slow spin has no separate precession. The width assumes a torque with all of
+        its strength in the resonant harmonic. Without a fast spin the result is infinity, 0 and False.
+        """
+        fast = (self.rates > 0) & (self.nutation > FAST * self.rates)
+        if not np.any(fast):
+            return math.inf, 0, False
+        nutation, field = self.nutation[fast], self.rates[fast]
+        frequency = np.stack([nutation, field**2 / nutation])
+        frequency, k = np.broadcast_arrays(frequency, np.array(_HARMONICS)[:, None, None])
+        caught = np.abs(frequency - resonance(h, k)) < resonance_half_width(field, k)
+        ratio = frequency * h * k / np.pi
+        # Resonances that capture a body come first, then the nearest ones.
+        at = np.unravel_index(np.argmin(np.abs(np.log(ratio)) + np.where(caught, 0, 1e3)), ratio.shape)
+        return float(ratio[at]), int(k[at]), bool(caught[at])
 
     @property
     def fine(self) -> bool:
@@ -124,7 +146,7 @@ class Trials:
             Bounds.of(method, Facts(*(x[trusted] for x in facts))),
             Bounds.of(method, at_start).longest,
             at_start.nutation,
-            np.max(np.abs(at_start.rates), axis=-1),
+            np.max(np.abs(at_start.rates), axis=-1) * isinstance(method, Splitting),
             _rounding(batch.mapped[2], abs(dt), facts, trusted),
             path.states,
         )
