@@ -25,7 +25,7 @@ from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, Field, Table, check_rates, read, read_field
+from .fit_data import UNITS_OF_RATE, Field, Table, check_rates, read
 from .flight import free_flight, windows
 from .tables import require
 
@@ -50,25 +50,30 @@ class Problem(NamedTuple):
     """The data and options of a fit.
 
     Attributes:
+        options: of the command.
+        given: the options for `midlie_jax.fit`.
         measurements: rates and, if there are a magnetometer and a star tracker, directions and attitudes.
-        options: the options for `midlie_jax.fit`.
-        bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
-        clock: whether the clock of the magnetometer is also found.
         table, field, tracker: the data of the files.
         begin: the first time of all, the time of the start.
-        unit: the unit of the rates in the file, in rad/s.
     """
 
+    options: argparse.Namespace
+    given: dict[str, Any]
     measurements: list[Any]
-    options: dict[str, Any]
-    bias: bool
-    iron: bool
-    clock: bool
     table: Table
     field: Field | None
     tracker: Field | None
     begin: float
-    unit: float
+
+    @property
+    def clock(self) -> bool:
+        """Whether the clock of the magnetometer is also found."""
+        return self.options.magnetometer_clock == "fitted"
+
+    @property
+    def unit(self) -> float:
+        """The unit of the rates in the file, in rad/s."""
+        return UNITS_OF_RATE[self.options.unit]
 
 
 class Guess(NamedTuple):
@@ -83,10 +88,10 @@ def fit(options: argparse.Namespace) -> None:
     if options.out:
         require("matplotlib")
     problem = _problem(options)
-    result = _fitted(problem, options.moments)
-    _print(options, problem, result)
+    result = _fitted(problem)
+    _print(problem, result)
     if options.out:
-        _draw(options, problem, result)
+        _draw(problem, result)
     told = ([] if result.ok else [result.message.rstrip(".")]) + _doubts(problem, result)
     if told:
         raise ValueError(f"not ok: {'; '.join([*told, *_cures(options, result)])}")
@@ -123,33 +128,25 @@ def _check_options(options: argparse.Namespace) -> None:
 
 def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
-    own = options.magnetometer_data
     table, field, tracker = read(options)
     table = _flight(options, table)
-    if own:
-        field = read_field(options, table.zero)
     field, tracker = (None if one is None else one.complete(*table.span) for one in (field, tracker))
     for name, one in (("magnetometer", field), ("tracker", tracker)):
         if one is not None and not len(one.times):
             span = f"{table.shown(table.times[0])} to {table.shown(table.times[-1])}"
             raise ValueError(f"--{name} must have a complete row in the time of the rates, {span}; check its columns.")
-    if own and field is not None:
+    if options.magnetometer_data and field is not None:
         _check_overlap(options, table, field)
     begin = table.times[0] if field is None else min(table.times[0], field.times[0])
-    times = table.times - begin
-    unit = UNITS_OF_RATE[options.unit]
-    sigma = (options.sigma or 1.0) * unit
-    measurements: list[Any] = [Rates(times, table.rates, sigma, bias="bias" if options.bias else None)]
-    clock = options.magnetometer_clock == "fitted"
-    last = times[-1]
+    last = max(one.times[-1] for one in (table, field) if one is not None) - begin
+    sigma = (options.sigma or 1.0) * UNITS_OF_RATE[options.unit]
+    bias, iron = "bias" if options.bias else None, "iron" if options.hard_iron else None
+    measurements: list[Any] = [Rates(table.times - begin, table.rates, sigma, bias=bias)]
     if field is not None:
-        iron = "iron" if options.hard_iron else None
-        said = np.deg2rad(options.magnetometer_sigma)
-        late = "clock" if clock else None
-        known = _UP if tracker is None else "field"
+        said, known = np.deg2rad(options.magnetometer_sigma), _UP if tracker is None else "field"
+        late = "clock" if options.magnetometer_clock == "fitted" else None
         seen = Directions(field.times - begin, field.vectors, said, reference=known, bias=iron, clock=late)
         measurements.append(seen)
-        last = max(last, field.times[-1] - begin)
     if tracker is not None:
         said, quaternions = np.deg2rad(options.tracker_sigma), tracker.vectors
         lengths = np.linalg.norm(quaternions, axis=1)
@@ -163,25 +160,20 @@ def _problem(options: argparse.Namespace) -> Problem:
     speeds = np.linalg.norm(table.rates, axis=1)
     if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
         raise ValueError("the data need two times and a body that rotates; check the columns.")
-    dt = _step(table, last, speeds, bool(options.moments))
     given = {
-        "dt": dt,
+        "dt": _step(table, last, speeds, bool(options.moments)),
         "starts": options.starts,
         "absolute_sigma": bool(options.sigma),
         "require_rank": False,
         "first_span": _FIRST / float(np.nanmedian(speeds[speeds > 0])),
     }
-    iron = bool(options.hard_iron)
-    return Problem(measurements, given, options.bias, iron, clock, table, field, tracker, begin, unit)
+    return Problem(options, given, measurements, table, field, tracker, begin)
 
 
 def _flight(options: argparse.Namespace, table: Table) -> Table:
     """The rows of the free flight, unless the times of its ends are given."""
-    complete = np.flatnonzero(np.all(np.isfinite(table.rates), axis=1))
-    times, first = np.unique(table.times[complete], return_index=True)
-    found = None
-    if _whole(options) and len(times) > _ROWS:
-        found = free_flight(times, table.rates[complete][first])
+    times, rates = table.complete
+    found = free_flight(times, rates) if _whole(options) and len(times) > _ROWS else None
     if found is not None and (found[0] > times[0] or found[1] < times[-1]):
         table = table.within(*found)
         print(
@@ -256,10 +248,9 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
     return body, None, DirectionState(momentum, values["field"]) if "field" in values else MomentumState(momentum)
 
 
-def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
+def _fitted(problem: Problem) -> Fit:
     """The best fit from the given moments or a guess by the rates; if doubtful, also from all six permutations."""
-    table = problem.table
-    near = _guess(table.times - table.times[0], table.rates, problem.bias)
+    near, moments = _guess(problem.table, problem.options.bias), problem.options.moments
     first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
     if moments or (first.ok and not first.doubts):
         return first
@@ -268,12 +259,11 @@ def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
 
 
 def _from(problem: Problem, near: Guess) -> Fit:
-    rates = problem.table.rates
-    rate = rates[np.flatnonzero(np.all(np.isfinite(rates), axis=1))[0]] - near.bias
+    options, table, field, tracker = problem.options, problem.table, problem.field, problem.tracker
+    rate = table.complete[1][0] - near.bias
     start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
-    if problem.bias:
+    if options.bias:
         start["bias"] = Free(near.bias)
-    table, field, tracker = problem.table, problem.field, problem.tracker
     attitude = Rotation.identity()
     if tracker is not None:
         since = _turned_back(table, near.bias, problem.begin, float(tracker.times[0]))
@@ -283,15 +273,15 @@ def _from(problem: Problem, near: Guess) -> Fit:
         seen = field.vectors
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
-        iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if problem.iron else np.zeros(3)
+        iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if options.hard_iron else np.zeros(3)
         since = _turned_back(table, near.bias, problem.begin, float(field.times[0]))
         first = (attitude * since).apply(seen[0] - iron)  # in space with a star tracker, else in the body
         start["field"] = UnitVector(first / np.linalg.norm(first))
-        if problem.iron:
+        if options.hard_iron:
             start["iron"] = Free(iron)
         if problem.clock:
             start["clock"] = Free(0.0)
-    return run_fit(_model, start, problem.measurements, **problem.options)
+    return run_fit(_model, start, problem.measurements, **problem.given)
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
@@ -306,12 +296,13 @@ def _doubts(problem: Problem, result: Fit) -> list[str]:
     return [named(doubt) for doubt in result.doubtful()]
 
 
-def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
-    table = problem.table
-    moments = np.asarray(result.values["moments"])
+def _print(problem: Problem, result: Fit) -> None:
+    options, table, moments = problem.options, problem.table, np.asarray(result.values["moments"])
+    shown = table.shown(problem.begin)
     print(
         f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
-        f" moments with a sum of {moments.sum():g}, rates in {options.unit}, those at {_moment(options, problem)}"
+        f" moments with a sum of {moments.sum():g}, rates in {options.unit}, those at "
+        + (shown if table.zero else f"t = {shown} {options.time_unit or 's'}")
     )
     if options.magnetometer_data and problem.field is not None:
         clock = "; clock: how far its clock is ahead, in s" if problem.clock else ""
@@ -324,11 +315,6 @@ def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
         print(f"moments[{i}] / moments[2]  {ratio:.10g}  [{low:.10g}, {high:.10g}]")
 
 
-def _moment(options: argparse.Namespace, problem: Problem) -> str:
-    shown = problem.table.shown(problem.begin)
-    return shown if problem.table.zero else f"t = {shown} {options.time_unit or 's'}"
-
-
 def _in_units_of_file(problem: Problem, result: Fit) -> Fit:
     shown, rates = copy(result), [name.startswith(("rate[", "bias[")) for name in result.names]
     scales = np.where(rates, 1 / problem.unit, 1.0)
@@ -337,12 +323,12 @@ def _in_units_of_file(problem: Problem, result: Fit) -> Fit:
     return shown
 
 
-def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
+def _draw(problem: Problem, result: Fit) -> None:
     """Writes a PNG of the measured and the fitted rates, and of the residuals."""
-    table, moments = problem.table, np.asarray(result.values["moments"])
+    options, table, moments = problem.options, problem.table, np.asarray(result.values["moments"])
     body, _, start = _model(result.values)
     times = np.linspace(table.times[0] - problem.begin, table.times[-1] - problem.begin, 1000)
-    curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.options["dt"])
+    curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.given["dt"])
     curves = np.asarray(curve.states.momentum) / moments + np.asarray(result.values.get("bias", np.zeros(3)))
     figure = new_figure(11.0, 8.0)
     name = Path(options.data).name
@@ -364,11 +350,10 @@ def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
 
 def _check_flight(options: argparse.Namespace, table: Table) -> None:
     """Raises if the speed changes more than for a free body, because the body was held in a part of the record."""
-    complete = np.all(np.isfinite(table.rates), axis=1)
-    if complete.sum() < _ROWS:
+    times, rates = table.complete
+    if len(times) < _ROWS:
         return
-    times, speeds = table.times[complete], np.linalg.norm(table.rates[complete], axis=1)
-    smooth = median_filter(speeds, _ROWS, mode="nearest")
+    smooth = median_filter(np.linalg.norm(rates, axis=1), _ROWS, mode="nearest")
     moments, unit = options.moments or [1.0], UNITS_OF_RATE[options.unit]
     allowed = max(_FACTOR, 2 * max(moments) / min(moments))
     slow, fast = float(np.percentile(smooth, _SLOW)), int(np.argmax(smooth))
@@ -384,18 +369,15 @@ def _check_flight(options: argparse.Namespace, table: Table) -> None:
     )
 
 
-def _guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
+def _guess(table: Table, bias: bool) -> Guess:
     """The best solution of the window equations, from starts with all six permutations of the moments.
 
-    Args:
-        times, rates: (n,) and (n, 3), seconds and rad/s; rows with a NaN are left out.
-        bias: whether the bias of the rates is also estimated.
+    With `bias` the bias of the rates is also estimated.
     """
-    times, first = np.unique(times[np.all(np.isfinite(rates), axis=1)], return_index=True)
-    rates = rates[np.all(np.isfinite(rates), axis=1)][first]
+    times, rates = table.complete
     if len(times) < 3:
         return Guess(np.array(_ORDERS[0]), np.zeros(3))
-    _, _, changes, products, linear = seen = windows(times, rates, _WINDOW)
+    _, _, changes, products, linear = seen = windows(times - table.times[0], rates, _WINDOW)
     size = np.sqrt(np.mean(rates**2))
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -422,11 +404,11 @@ def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Ro
 
     The body rotates with the measured rates between the rows, and before the first row with its rate.
     """
-    known = np.all(np.isfinite(table.rates), axis=1)
-    rates = table.rates[known] - bias
+    times, rates = table.complete
+    rates = rates - bias
     count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
     middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
-    turns = np.stack([np.interp(middles, table.times[known], rates[:, i]) for i in range(3)], axis=1)
+    turns = np.stack([np.interp(middles, times, rates[:, i]) for i in range(3)], axis=1)
     found = Rotation.identity()
     for turn in Rotation.from_rotvec(turns * (end - begin) / count):
         found = found * turn

@@ -84,6 +84,13 @@ class Table(NamedTuple):
             return f"{time / self.unit:.15g}"
         return f"{np.datetime64(self.zero.ns // 1000 + round(time * 1e6), 'us')}{'Z' * self.zero.zoned}"
 
+    @property
+    def complete(self) -> tuple[np.ndarray, np.ndarray]:
+        """The times and the rates of the rows with three rates; of rows at the same time, the first."""
+        whole = np.all(np.isfinite(self.rates), axis=1)
+        times, first = np.unique(self.times[whole], return_index=True)
+        return times, self.rates[whole][first]
+
     def within(self, first: float, last: float) -> "Table":
         """The rows between two times in seconds."""
         kept = (self.times >= first) & (self.times <= last)
@@ -118,7 +125,9 @@ class _Cells(NamedTuple):
 
 
 def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None]:
-    """The rates in the CSV file with a header, and the magnetometer and the star tracker in its rows, if requested.
+    """The rates in a CSV file with a header, and the magnetometer and the star tracker, if requested.
+
+    Their columns are in the same file; the magnetometer may have a file of its own.
 
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Times
     are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first.
@@ -154,11 +163,10 @@ def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None
     if not len(table.times):
         first, last = whole.shown(times[0]), whole.shown(times[-1])
         raise ValueError(f"{path} has no rows between --from and --to; its times go from {first} to {last}.")
-    return (
-        table,
-        Field(times, fields, cells.lines) if field else None,
-        Field(times, quaternions, cells.lines) if tracker else None,
-    )
+    of_field = Field(times, fields, cells.lines) if field else None
+    if options.magnetometer_data:
+        of_field = _own_file(options, cells.zero)
+    return table, of_field, Field(times, quaternions, cells.lines) if tracker else None
 
 
 def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> float:
@@ -172,8 +180,8 @@ def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> f
     return moment.after(f"{option} {text}", zero)
 
 
-def read_field(options: argparse.Namespace, zero: Moment | None) -> Field:
-    """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`. Errors as for `read`."""
+def _own_file(options: argparse.Namespace, zero: Moment | None) -> Field:
+    """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`."""
     path, names = options.magnetometer_data, [options.magnetometer_time, *options.magnetometer]
     cells = _cells(path, lambda header: names, "--magnetometer-time and --magnetometer")
     unit = _unit_of_times(cells, options.magnetometer_time_unit, "--magnetometer-time-unit")
