@@ -74,7 +74,7 @@ MUTANTS = {
         "spread paths -k statistics",
     ),
     "interpolation": ("diffrax/interpolation.py", "return s * s * («3 - 2 *→2 -» s),", "dense_output dense_step"),
-    "degrees of freedom": ("fitting/estimate.py", "dof = count« - vector.size→»", "fit_result"),
+    "degrees of freedom": ("fitting/estimate.py", "dof = count« - vector.size→»", "fit_calls"),
     "scattered rotations": (
         *("scattering/distributions.py", "return normal / «jnp.sqrt(square)→square».reshape(1)"),
         "scatter",

@@ -1,5 +1,6 @@
-"""Calls of `fit`: sigmas, several starts, other solvers, progress, and what is refused."""
+"""Calls of `fit`: sigmas, starts, other solvers, progress, what is refused, and how a fit says that it failed."""
 
+import re
 import sys
 
 import jax
@@ -11,6 +12,7 @@ from test_fitting import MARKERS, SUN
 
 import midlie_jax as ml
 from midlie_jax import fitting
+from midlie_jax.fitting import Result
 from midlie_jax.fitting.instruments import Attitudes, Directions, Positions, Rates
 from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, Positive, UnitQuaternion
 
@@ -28,15 +30,14 @@ def spin(sigma=0.1, n=5, **changes):
 @pytest.mark.sample(0)
 def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
     """The mean of n numbers: its deviation is s / sqrt(n), by the scatter with Student's t, or by the given sigma."""
-    start = {"rate": Free([0.0, 0.0, 0.0])}
-    relative = ml.fit(still, start, spin(), method="RK4", dt=1.0)
-    absolute = ml.fit(still, start, spin(), method="RK4", dt=1.0, absolute_sigma=True)
+    relative, absolute = (try_fit(spin(), absolute_sigma=known) for known in (False, True))
+    assert relative.result is Result.of(int(relative.estimate.result)) is Result.FITTED
     rates = np.asarray(spin().values)
     scatter = np.sqrt(np.sum((rates - rates.mean(axis=0)) ** 2) / 12)
     np.testing.assert_allclose(relative.coordinates, rates.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(np.ptp(relative.intervals, axis=1), 2 * 2.178812829663 * scatter / np.sqrt(5), rtol=1e-7)
     np.testing.assert_allclose(np.ptp(absolute.intervals, axis=1), 2 * 1.959963984540 * 0.1 / np.sqrt(5), rtol=1e-7)
-    assert relative.dof == 12
+    assert relative.dof == relative.estimate.dof == 12
     np.testing.assert_allclose(relative.residuals()[0], (relative.coordinates - rates) / 0.1, atol=1e-9)
 
 
@@ -71,13 +72,11 @@ def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
         found = optx.least_squares(lambda x, _: residuals(x), adam, start, max_steps=max_steps, throw=False)
         return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
 
-    rates = np.asarray(spin().values)
-    start = {"rate": Free([0.0, 0.0, 0.0])}
     with jax.numpy_dtype_promotion("standard"):  # optax mixes float and int32
-        found = ml.fit(still, start, spin(), method="RK4", dt=1.0, solver=solver, max_steps=5000)
+        found = try_fit(spin(), solver=solver, max_steps=5000)
     assert found.ok
     assert found.steps > 10
-    np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
+    np.testing.assert_allclose(found.coordinates, np.asarray(spin().values).mean(axis=0), rtol=1e-3)
 
 
 def rooted(values):
@@ -116,7 +115,7 @@ def test_what_a_solver_returns_is_checked(name):
 def test_a_solver_that_ends_at_no_number_has_failed():
     """Whatever it returns as its verdict; and among several starts another one counts."""
     found = try_fit(spin(), solver=lambda residuals, x, most: (x * jnp.nan, 1, True))
-    assert found.result is fitting.Result.RUN_FAILED
+    assert found.result is Result.RUN_FAILED
     assert "the model refuses the values at the end of the search: momentum must be finite" in found.message
     assert "NOT ok" in str(found)
 
@@ -193,9 +192,88 @@ def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("options", [{"segments": 2}, {"segments": 2, "starts": 2}, {"first_span": 1.5}])
+@pytest.mark.parametrize("options", [{"segments": 2, "starts": 2}, {"first_span": 1.5}])
 def test_segments_starts_and_spans_end_at_the_same_estimate(options):
     """They are ways to the optimum, which is the mean of the rates."""
     found = try_fit(spin(), **options)
     assert found.ok
     np.testing.assert_allclose(found.coordinates, np.asarray(spin().values).mean(axis=0), rtol=1e-7)
+
+
+# ---- how a fit says that it failed: why, at which time, and what would do ----
+
+
+def test_a_fit_that_needs_more_steps_says_how_many_it_took():
+    found = try_fit(spin(), max_steps=1)
+    assert not found.ok
+    assert found.result is Result.NOT_CONVERGED
+    assert "did not converge in 1 steps" in found.message
+    assert found.message in str(found)
+
+
+def test_a_failed_run_says_when_and_which_step_would_do():
+    """Three radians in a step are too many; the step that the message names gives a fit."""
+    fast = spin(values=np.asarray(spin().values) + np.array([0.0, 0.0, 3.0]))
+    near = {"rate": Free([0.1, 0.2, 3.3])}
+    found = try_fit(fast, guess=near)
+    assert found.result is Result.RUN_FAILED
+    assert "failed after t = 0:" in found.message
+    assert "turns 3.31 radians in a step" in found.message
+    enough = float(re.search(r"dt = ([\d.e-]+) would do", found.message)[1])
+    assert try_fit(fast, guess=near, dt=enough).ok
+
+
+GUESS = {"rate": Free([0.1, 0.2, 0.3])}
+
+
+def blind(values):
+    """A start that does not depend on the last number."""
+    return still({"rate": values["rate"] * np.array([1.0, 1.0, 0.0])})
+
+
+def test_what_is_not_determined_is_named_and_nothing_is_lost():
+    flat = spin(values=np.asarray(spin().values) * [1.0, 1.0, 0.0])
+    found = try_fit(flat, blind, GUESS, require_rank=False)
+    assert found.result is Result.UNDETERMINED
+    assert "rate[2] has no effect" in found.message
+    with pytest.raises(ValueError, match="determine all 3 unknowns for draws, got a rank of 2"):
+        found.draws(10)
+    with pytest.raises(fitting.UndeterminedError, match=r"rate\[2\] has no effect.*rms") as raised:
+        try_fit(flat, blind, GUESS)
+    np.testing.assert_array_equal(raised.value.result.coordinates, found.coordinates)
+    assert raised.value.result.rms == found.rms
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_misfit_is_reported_before_what_is_not_determined(absolute):
+    """The third rate is 0.3, and the model says zero: no error, but a result with the values and the rms."""
+    found = try_fit(spin(sigma=0.02), blind, GUESS, absolute_sigma=absolute)
+    assert found.result is Result.MISFIT
+    assert not found.ok
+    assert f"{found.rms:.3g}" in found.message
+    assert "rate[2] has no effect" in found.message
+    np.testing.assert_allclose(found.values["rate"][:2], np.asarray(spin().values)[:, :2].mean(axis=0), rtol=1e-6)
+
+
+def test_draws_scatter_as_the_covariance_says():
+    """Mean and covariance of 20,000 draws, each to five of its standard deviations."""
+    found, n = try_fit(spin()), 20_000
+    rates = np.asarray(found.draws(n, seed=1)["rate"])
+    deviations = np.sqrt(np.diagonal(found.covariance))
+    off = (rates - np.asarray(found.values["rate"])) / deviations
+    assert rates.shape == (n, 3)
+    assert np.all(np.abs(off.mean(axis=0)) < 5 / np.sqrt(n))
+    correlations = found.covariance / np.outer(deviations, deviations)
+    assert np.all(np.abs(off.T @ off / n - correlations) < 5 * np.sqrt((1 + correlations**2) / n))
+    np.testing.assert_array_equal(found.draws(5, seed=1)["rate"], found.draws(5, seed=1)["rate"])
+
+
+def test_known_sigmas_that_the_residuals_exceed_are_a_misfit():
+    """Without `absolute_sigma` they count up to a factor, so that nothing is wrong."""
+    found = try_fit(spin(sigma=1e-3), absolute_sigma=True)
+    assert found.rms > 5
+    assert found.result is Result.MISFIT
+    assert not found.ok
+    assert "times the sigmas" in found.message
+    assert try_fit(spin(sigma=1e-3)).ok
+    assert try_fit(spin(sigma=0.01), absolute_sigma=True).ok
