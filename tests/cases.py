@@ -309,6 +309,19 @@ def true_motion(s: Setup, times: np.ndarray, axis=AXIS) -> tuple[np.ndarray, np.
     return y[:, :3], y[:, 3:]
 
 
+def tumbled(moments, rate, times, attitude=None):
+    """The rates of a free body by the closed form; from an attitude also its attitudes, as rotations of SciPy."""
+    body = ml.RigidBody(moments)
+    momentum = body.momentum(jnp.asarray(rate))
+    start: Any = ml.MomentumState(momentum) if attitude is None else ml.RigidState(momentum, attitude)
+    states = ml.free_motion(body, start, times).states
+    turned = None if attitude is None else Rotation.from_quat(np.asarray(states.attitude), scalar_first=True)
+    return np.asarray(states.momentum) / moments, turned
+
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+
 def epsilon(dtype: str) -> float:
     return float(np.finfo(dtype).eps)
 

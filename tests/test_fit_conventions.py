@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import LEVEL, tumbled
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -94,8 +95,8 @@ def test_another_convention_is_named_with_its_cure(name, body):
 def test_without_rates_a_fit_to_another_convention_is_not_ok():
     body, times = ml.RigidBody([1.0, 2.0, 2.5]), np.arange(0.0, 12.01, 0.5)
     rate = jnp.array([0.5, 0.3, 0.4])
-    path = ml.free_motion(body, ml.RigidState(body.momentum(rate), [1.0, 0.0, 0.0, 0.0]), times)
-    values = WRONG["conjugated"](np.asarray(path.states.attitude))
+    _, turned = tumbled(np.asarray(body.moments), rate, times, LEVEL)
+    values = WRONG["conjugated"](turned.as_quat(scalar_first=True))
 
     def model(v):
         return body, None, ml.RigidState(body.momentum(v["rate"]), v["attitude"])
