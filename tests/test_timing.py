@@ -106,11 +106,6 @@ def test_on_several_cores_the_load_that_the_system_reports_tells(monkeypatch, lo
     assert bool(Load().warning()) == busy
 
 
-def test_spreads_in_words():
-    assert timing.spread_in_words([0.01, 0.02, 0.4, math.nan]) == "spread ±2% typically, ±40% at most"
-    assert timing.spread_in_words([math.nan]) == "of unknown spread"
-
-
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system pins no processes")
 def test_one_core_is_let_go_again():
     before = os.sched_getaffinity(0)
