@@ -10,6 +10,7 @@ from cases import setup, true_motion
 
 import midlie_jax as ml
 from midlie_jax.advice import recommend as selection
+from midlie_jax.advice.ladder import Case
 from midlie_jax.advice.one_direction import one_direction
 from midlie_jax.model import so3
 from midlie_jax.model.torques import BodyTorque, Damping, DipoleInField, FromPotential, HeavyTop
@@ -160,7 +161,7 @@ UPWARD = DipoleInField(jnp.array([0.3, 0.0, 0.1]), jnp.array([0.0, 0.0, 2.0]))
     ],
 )
 def test_a_torque_that_reads_one_direction_alone_is_known(torque, direction):
-    found = one_direction(BODY, torque, START, jnp.array(0.3), 2.0)
+    found = one_direction(Case(BODY, torque, START, jnp.array(0.3), 2.0, None))
     assert (found is None) == (direction is None)
     if found is not None:
         seen = so3.to_matrix(START.attitude).T @ jnp.array(direction, float)

@@ -8,10 +8,9 @@ from jax import Array
 
 from .._math import components as cp
 from ..model import so3
-from ..model.bodies import Body
-from ..model.state import AnyState
 from ..model.states import DirectionState, RigidState
-from ..model.torques import TorqueLike, on_body
+from ..model.torques import on_body
+from .ladder import Case
 
 _ATTITUDES = 6  # random attitudes at which both states must give the same torque
 _TOLERANCE = 1e3  # in units of eps: a torque whose terms cancel has large rounding errors
@@ -19,20 +18,14 @@ _TOLERANCE = 1e3  # in units of eps: a torque whose terms cancel has large round
 _REFUSALS = (AttributeError, TypeError, ValueError, NotImplementedError)
 
 
-def one_direction(
-    body: Body, torque: TorqueLike | None, start: AnyState, t0: Array, span: float
-) -> DirectionState | None:
-    """The start as a `DirectionState` with the same motion of the momentum; None if unknown.
+def one_direction(case: Case) -> DirectionState | None:
+    """The start as a `DirectionState` with the same motion of the momentum; None if unknown, or if it has no attitude.
 
     The torque is called on a `DirectionState` that records the space directions it reads. Let them all be the same, d.
     If at random attitudes R and several times the torque is the same with R^T d as with R, it reads d alone. A torque
     that reads no direction, or the attitude, gives None.
-
-    Args:
-        body, torque, t0: as for `integrate`.
-        start: the state, with arrays (3,) and (4,) if it is a `RigidState`; any other gives None.
-        span: the duration, from which the times are taken.
     """
+    body, torque, start, t0, span, _ = case
     if torque is None or type(start) is not RigidState:
         return None
     function = on_body(torque, body)

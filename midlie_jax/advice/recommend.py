@@ -190,7 +190,7 @@ def recommend(
             note = _limit_of_step(case, tried[name], best)
             if fewest > steps and not note:
                 note = "a larger step is accurate enough here, but `check` does not confirm it as sane."
-            less = one_direction(body, torque, start, t0, span) if isinstance(find_method(name), RungeKutta) else None
+            less = one_direction(case) if isinstance(find_method(name), RungeKutta) else None
             if less is not None:
                 seconds = Candidate(name, case._replace(start=less)).run(best.steps).seconds
                 if 0 < seconds < _WORTH * best.seconds:  # zero if the run is below the noise of the clock
