@@ -35,6 +35,7 @@ _WINDOW = 5.0  # correlation times over which the correlations are summed
 _NARROW = 1.1  # smaller factors are not reported
 _LISTED = 50  # the largest number of rows in a text
 _MOST_TURNS = 0.5  # between two rows
+_CHANGES = "the changes of what was measured"
 
 
 class Remainder(NamedTuple):
@@ -44,10 +45,17 @@ class Remainder(NamedTuple):
     # The measured values: rates and accelerations without their bias, angles of one radian, and all other values
     # relative to their mean.
     signal: Float[Array, ""]
+    of_what: str  # the name of the signal
     spread: Float[Array, ""]  # of the measured values, relative to their mean
-    angles: bool  # whether the residuals are angles
     structured: Bool[Array, ""]  # whether the model omits a large share of the changes of the signal
     turned: Bool[Array, ""]  # whether the residuals are angles that are not small
+
+    def share(self) -> tuple[float, str]:
+        """The size of the residuals relative to a reference, and the name of the reference."""
+        whole, of_what = self.signal, self.of_what
+        if bool(self.structured & ~self.turned):
+            whole, of_what = self.spread, _CHANGES
+        return math.sqrt(float(self.left) / float(whole)) if whole > 0 else math.inf, of_what
 
 
 def within_sigmas(squares: Float[Array, ""], dof: Float[Array, ""]) -> Bool[Array, ""]:
@@ -82,18 +90,18 @@ def _remainder(measurement: Measurement, over_sigma: Array, parameters: Any) -> 
     def squares(x: Array) -> Array:
         return jnp.sum(jnp.where(present, x, jnp.zeros_like(x)) ** 2)
 
-    angles = isinstance(m, Attitudes | Directions)
     values = m.unbiased(parameters)
     spread = squares(_relative_to_mean(m, values) / sigma)
+    signal, of_what, angles = spread, _CHANGES, isinstance(m, Attitudes | Directions)
     if angles:
-        signal = squares(1 / sigma)
-    else:
-        signal = squares(values / sigma) if isinstance(m, Rates | Accelerations) else spread
+        signal, of_what = squares(1 / sigma), "a radian"
+    if isinstance(m, Rates | Accelerations):
+        signal, of_what = squares(values / sigma), "what was measured"
     left, size = squares(over_sigma), jnp.sqrt(jnp.mean(m.values**2))
     none = jnp.sum(present).astype(sigma.dtype) * (_negligible(sigma.dtype) * size) ** 2
     left = jnp.where(squares(over_sigma * sigma) <= none, jnp.zeros_like(left), left)
     structured = (left > _LARGE**2 * spread) & _correlated(over_sigma, present)
-    return Remainder(left, signal, spread, angles, structured, (left > _LARGE**2 * signal) & angles)
+    return Remainder(left, signal, of_what, spread, structured, (left > _LARGE**2 * signal) & angles)
 
 
 def _relative_to_mean(m: Measurement, values: Array) -> Array:

@@ -13,9 +13,9 @@ import numpy as np
 
 from .._checks.arguments import as_count
 from .estimate import CONFIDENCE, Estimate, Result, complaint, confounded
-from .instruments import Accelerations, Attitudes, Rates, of_which
-from .measurements import Measurement, parted
-from .noise import Doubt, Remainder, aliases_of, doubts, explained, outliers_of, remainders_of, within_sigmas
+from .instruments import Attitudes, of_which
+from .measurements import parted
+from .noise import Doubt, aliases_of, doubts, explained, outliers_of, remainders_of, within_sigmas
 from .parameters import InertiaTensor, Moments, flatness
 from .problem import Data, linear_unknowns
 from .sampling import Closed
@@ -218,8 +218,9 @@ class Fit:
         if self.minima:
             told = ", ".join(f"{found.chi_squared:.6g} ({found.starts} starts)" for found in self.minima[:_TOLD])
             lines.append(f"chi-squared of the best of {len(self.minima)} minima: {told}")
-        lines += [f"doubtful: {doubt}" for doubt in self.doubts]
-        state = "NOT ok: " + self.message if not self.ok else "doubtful" if self.doubts else "ok"
+        doubtful = self.doubts
+        lines += [f"doubtful: {doubt}" for doubt in doubtful]
+        state = "NOT ok: " + self.message if not self.ok else "doubtful" if doubtful else "ok"
         lines.append(
             f"rms of residuals / sigma {self.rms:.4g}, {self.dof} degrees of freedom, {self.steps} steps, "
             f"rank {self.rank} of {self._layout.size}, condition {self.condition:.2g}; {state}"
@@ -300,22 +301,12 @@ def _misfit(plan: Plan, data: Data, estimate: Estimate) -> list[str]:
     worst, kind = max(
         zip(remainders, listed, strict=True), key=lambda x: (bool(x[0].structured | x[0].turned), float(x[0].left))
     )
-    share, of_what = _share(worst, kind)
+    share, of_what = worst.share()
     told = (
         f"the residuals, with an rms of {float(estimate.rms):.3g} sigma, cannot be noise: those of the "
         f"{type(kind).__name__} are {share:.0%} of {of_what}."
     )
     return [told, f"{check}. If noise is so large, give its sigmas and absolute_sigma=True."]
-
-
-def _share(remainder: Remainder, measurement: Measurement) -> tuple[float, str]:
-    """The size of the residuals relative to a reference, and the name of the reference."""
-    whole, of_what = remainder.spread, "the changes of what was measured"
-    if remainder.angles and bool(remainder.turned | ~remainder.structured):
-        whole, of_what = remainder.signal, "a radian"
-    elif isinstance(measurement, Rates | Accelerations) and not bool(remainder.structured):
-        whole, of_what = remainder.signal, "what was measured"
-    return math.sqrt(float(remainder.left) / float(whole)) if whole > 0 else math.inf, of_what
 
 
 def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
