@@ -13,12 +13,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
-from cases import Outcome, midlie
+from cases import Outcome, midlie, tumbled
 from hypothesis import strategies as st
-
-import midlie_jax as ml
 
 Rows = list[list[str]]
 Damage = tuple[str, float, float]  # its name, and the row and the column as shares of the file
@@ -30,9 +27,7 @@ SAID = re.compile(r"line \d+|column|--unit|--time-unit|is not text|not ok|no row
 @cache
 def whole() -> str:
     """The file as it should be."""
-    body = ml.RigidBody(MOMENTS)
-    states = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.asarray(RATE))), TIMES).states
-    rates = np.asarray(states.momentum) / MOMENTS + 0.01 * np.random.default_rng(0).standard_normal((len(TIMES), 3))
+    rates = tumbled(MOMENTS, RATE, TIMES)[0] + 0.01 * np.random.default_rng(0).standard_normal((len(TIMES), 3))
     rows = (",".join(f"{x:.5f}" for x in (t, *row)) for t, row in zip(TIMES, rates, strict=True))
     return "\n".join(["t,wx,wy,wz", *rows]) + "\n"
 
