@@ -77,11 +77,16 @@ def gradients() -> Iterator[list[str]]:
         for steps, count in ((128, 1000), (1000, 256), (10000, 64))[: 3 if "EA" in method else 1]:
             body, starts = tops(method, count)
 
-            def loss(weight: Any, m: str = method, b: Any = body, s: Any = starts, n: int = steps) -> Any:
+            def of_weight(weight: Any, m: str = method, b: Any = body, s: Any = starts, n: int = steps) -> Any:
                 return jnp.sum(jax.vmap(lambda one: end(m, b, weight, one, n).momentum)(s) ** 2)
 
-            both, alone = seconds(partial(jax.jit(jax.value_and_grad(loss)), 20.0), partial(jax.jit(loss), 20.0))
-            yield [method, f"{steps} x {count}", f"{1e9 * both / steps / count:.1f}", f"{both / alone:.1f}"]
+            def of_moments(moments: Any, loss: Any = of_weight) -> Any:
+                return loss(20.0, b=ml.RigidBody(moments))
+
+            for parameter, loss, x in (("weight", of_weight, 20.0), ("moments", of_moments, body.moments)):
+                both, alone = seconds(partial(jax.jit(jax.value_and_grad(loss)), x), partial(jax.jit(loss), x))
+                size = f"{steps} x {count}"
+                yield [method, parameter, size, f"{1e9 * both / steps / count:.1f}", f"{both / alone:.1f}"]
 
 
 def hessians() -> Iterator[list[str]]:
@@ -249,12 +254,12 @@ def craft() -> Iterator[list[str]]:
 
 PAGE = "reports/speed.md"
 JIT = "method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"
-GRADIENT = "method", "steps x bodies", "value and gradient, ns", "over value"
+GRADIENT = "method", "with respect to", "steps x bodies", "value and gradient, ns", "over value"
 HESSIAN = "method", "until it runs", "of this, tracing", "a call"
 CRAFT = "method", "million steps per second", "with the policy"
 TABLES = {
     "jit": Table(PAGE, "jit", JIT, in_jit, "custom-programs", lambda row: row[1:3] == ["float64", "1024"]),
-    "gradient": Table(PAGE, "gradient", GRADIENT, gradients, "custom-gradients", lambda row: row[1] == "128 x 1000"),
+    "gradient": Table(PAGE, "gradient", GRADIENT, gradients, "custom-gradients", lambda row: row[2] == "128 x 1000"),
     "hessian": Table(PAGE, "hessian", HESSIAN, hessians),
     "loops": Table(PAGE, "loops", ("loop", "time", "same bits"), loops),
     "craft": Table(PAGE, "craft", CRAFT, craft),

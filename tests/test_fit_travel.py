@@ -122,7 +122,7 @@ def slope(potential, x, h=2e-2):
 
 
 @pytest.mark.sample(4)
-@pytest.mark.parametrize(("name", "kind"), zip(FIELDS, cycle(BODIES), strict=False))
+@pytest.mark.parametrize(("name", "kind"), list(zip(FIELDS, cycle(BODIES), strict=False)))
 def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
     """R^T (a - g) + ..., where the field g at the instrument is that by differences of its potential there."""
     torque, potential = FIELDS[name]
