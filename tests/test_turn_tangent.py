@@ -45,6 +45,19 @@ CASES = jnp.array([*MOMENTS, SEPARATRIX[0]]), jnp.array([*MOMENTA, SEPARATRIX[1]
 EXACT = [flight for flight in flights.FLIGHTS.values() if isinstance(flight, ExactFlight)]
 
 
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev, jax.hessian])
+def test_constants_that_follow_the_moments_have_their_derivatives(derivative):
+    """For the bodies with three different moments; where two are the largest, their order defines a derivative."""
+    for moments in jnp.array([*MOMENTS[:1], *MOMENTS[5:], SEPARATRIX[0], [3.0, 1.0, 2.5], [2.0, 2.9, 1.1]]):
+
+        def constants(m, tied):
+            inertia = flights.Inertia.of(ml.RigidBody(m, physical=False))
+            return jnp.stack(jax.tree.leaves(inertia.tied() if tied else inertia))
+
+        ours, reference = (derivative(partial(constants, tied=tied))(moments) for tied in (True, False))
+        np.testing.assert_allclose(ours, reference, atol=1e-13 * float(jnp.max(jnp.abs(reference))), rtol=0)
+
+
 def integrals(moments, momentum, h):
     """The integral of (h - t) Pi_1 Pi_2 Pi_3, in units of the largest moment, by a general integrator."""
     a, b, c = np.max(moments) / moments

@@ -300,9 +300,8 @@ class _Stages(NamedTuple):
     def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         rotated, ok = self._turn(a, *system.rotating(motion))
         moved = system.travelled(a * self.h, motion, rotated)
-        if (
-            system.placement is Placement.APART
-        ):  # otherwise the flight would be repeated in the loop that checks the success of all
+        # Otherwise the flight would be repeated in the loop that checks the success of all.
+        if system.placement is Placement.APART:
             moved, ok = split((moved, ok))
         return moved, of_all(ok)
 
