@@ -120,10 +120,18 @@ def slope_of(run):
     return lambda body, torque, start: jax.grad(size)(torque, body, start)
 
 
+def slope_by_moments(body, torque, start):
+    def size(moments):
+        top = ml.torques.HeavyTop(2.0)
+        return jnp.sum(ml.ensemble("GBS8", ml.RigidBody(moments), top, start, dt=0.05, steps=20).states.momentum ** 2)
+
+    return jax.grad(size)(jnp.array([2.0, 2.0, 1.0]))
+
+
 def in_a_program_of_arrays_with_a_mesh_in_their_type():
     """Each way to take steps, in the user's own program, on arrays that are spread over an explicit mesh."""
     ways = [jax.vmap(integrated), jax.vmap(with_variable_steps), carries, mean_of]
-    ways += [slope_of(jax.vmap(integrated)), slope_of(ensemble_of)]
+    ways += [slope_of(jax.vmap(integrated)), slope_of(ensemble_of), slope_by_moments]
     where, same = mesh(4, AxisType.Explicit), True
     arguments = jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[:48]), (BODY, TOP, START))
     for way in ways:

@@ -126,7 +126,8 @@ class System(NamedTuple):
             shared: whether the bodies of a batch share the constants. Each then has a copy for the derivative; the
                 cotangents would otherwise be summed over the bodies at every use of a constant.
         """
-        if not shared:
+        # The rows of a copy lack the axes of a mesh that are part of the array types.
+        if not shared or jax.sharding.get_abstract_mesh().explicit_axes:
             system, carry = begin((self, carry))
             return system._tied(), carry
         numbers, structure = jax.tree.flatten((self.inertia, self.bath))

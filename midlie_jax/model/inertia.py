@@ -72,8 +72,10 @@ class Inertia(NamedTuple):
     def change(self, by: cp.Vector) -> "Inertia":
         """The tangent for a tangent of the moments."""
         (a, b, c), (da, db, dc), unit = self.moments, by, self.per_unit
-        is_first, is_second = (a >= b) & (a >= c), b >= c
-        largest = jnp.where(is_first, da, jnp.where(is_second, db, dc)) * unit  # its relative change
+        one, zero = jnp.ones_like(a), jnp.zeros_like(a)
+        first = jnp.where((a >= b) & (a >= c), one, zero)
+        second = jnp.where((b > a) & (b >= c), one, zero)
+        largest = unit * cp.dot((first, second, 1 - first - second), by)  # the relative change of the largest moment
         each = cp.times(self.inverses, by)  # the relative changes of the moments
         differences = cp.scale(unit, (b - c, c - a, a - b))
         changes = cp.subtract(cp.scale(unit, (db - dc, dc - da, da - db)), cp.scale(largest, differences))
