@@ -377,3 +377,21 @@ def test_a_body_may_hold_python_numbers_instead_of_arrays():
     np.testing.assert_allclose(
         path.states.pose, ml.integrate(method, RAIL, None, ON_RAIL, **run).states.pose, atol=1e-15
     )
+
+
+def test_a_custom_state_with_two_leaves_translates():
+    """Under the names of its fields, which observables do not know."""
+
+    class Thrown(ml.base.State):
+        momentum: jax.Array
+        turned: jax.Array
+        push: jax.Array
+        place: jax.Array
+        body = ml.FreeBody
+        leaves = ml.FreeState.leaves
+
+    arrays = jnp.array([1.0, 2.0, 3.0]), jnp.array([0.8, 0.6, 0.0, 0.0]), jnp.array([4.0, 5.0, 6.0]), jnp.arange(3.0)
+    own, free = Thrown(*arrays), ml.FreeState(*arrays)
+    body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 2.0)
+    for quantity in (ml.observe.linear_momentum, ml.observe.position, lambda s: ml.observe.linear_velocity(body, s)):
+        np.testing.assert_array_equal(quantity(own), quantity(free))

@@ -262,7 +262,7 @@ def is_unit(vectors: np.ndarray) -> Any:
 
 
 def same_batch(shapes: dict[str, tuple[int, ...]], trailing: int) -> None:
-    """Raises unless the shapes of all arrays have the same leading axes, before `trailing` axes of their own."""
+    """Raises unless the shapes of all arrays have the same axes before the last `trailing` ones."""
     if len({shape[: len(shape) - trailing] for shape in shapes.values()}) > 1:
         named = " and ".join(f"{name} {shape}" for name, shape in shapes.items())
         raise ValueError(f"{named} must have the same leading axes, one entry per body; repeat shared values.")

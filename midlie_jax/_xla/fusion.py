@@ -123,8 +123,11 @@ def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
     each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
     del types
-    use = parameters.get("use", "")
-    return primitive is _fuse and use not in _NOTHING and not use.startswith(_OF_MANY)
+    return primitive is _fuse and _reduces(parameters["use"])
+
+
+def _reduces(use: str) -> bool:
+    return use not in _NOTHING and not use.startswith(_OF_MANY)
 
 
 def _bind(tree: T, use: str) -> T:
@@ -150,7 +153,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
     """The lowering on CPUs: one reduction for the leaves of one shape that vary along the same mesh axes, or a few."""
     result = list(leaves)
     groups: dict[Any, list[int]] = defaultdict(list)
-    for i, leaf in enumerate(() if use in _NOTHING or use.startswith(_OF_MANY) else leaves):
+    for i, leaf in enumerate(leaves if _reduces(use) else ()):
         groups[leaf.shape, axes_of(leaf)].append(i)
     for group in groups.values():
         loops = -(-len(group) // budgets.LOOP_OUTPUTS) if use in (_FUSE_STEP, _SPLIT_DERIVATIVE) else 1

@@ -1,4 +1,4 @@
-"""`Placement`: where a step evaluates its torque, in the loop of the step, in loops of its own, or compiled apart."""
+"""`Placement`: where a step evaluates its torque, in the loop of the step, in separate loops, or compiled apart."""
 
 from enum import IntEnum
 from typing import TypeVar
@@ -12,12 +12,12 @@ class Placement(IntEnum):
     """Where a step evaluates its torque, from the least to the most separate.
 
     XLA treats a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
-    every value that is used twice. A torque with such an operation therefore has loops of its own.
+    every value that is used twice. A torque with such an operation therefore has separate loops.
     """
 
     INLINE = 0  # in the loop of the step
     OWN_DERIVATIVE = 1  # the same, but its derivative is too long for one loop with the derivative of the flight
-    OWN_LOOP = 2  # in a loop of its own
+    OWN_LOOP = 2  # in a separate loop
     LONG_LOOP = 3  # the same, and long: a loop that holds one copy of it is equally fast and compiles much faster
     APART = 4  # on arrays, compiled separately from the step (`apart.py`), which already ends the loops around it
 
@@ -47,5 +47,5 @@ class Placement(IntEnum):
         return split(tree) if self.has_own_loop else fuse_derivative(tree) if self.is_long else tree
 
     def around_torque(self, tree: T) -> T:
-        """The tree unchanged; ends the loop before and after a torque with loops of its own."""
+        """The tree unchanged; ends the loop before and after a torque in a separate loop."""
         return split(tree) if self.has_own_loop else tree

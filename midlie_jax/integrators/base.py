@@ -230,7 +230,7 @@ class Method(eqx.Module):
             The progress after the step, and the further results of `times`; for `step_back` a pair of these and
             `known`.
         """
-        carry, loops = (clock, h, progress), self.loops_for(system)  # these iterations have copies of their own
+        carry, loops = (clock, h, progress), self.loops_for(system)  # loops make copies in each iteration
         shared = not (loops or self.is_one_loop(system))
         system, (clock, h, progress) = system.by_entries().begun(begin_step, carry, shared=shared)
         t0, t1, rest = times(clock)

@@ -120,7 +120,7 @@ class System(NamedTuple):
         """The system and the carry at the start of a loop of a step, by `begin` of `_xla/fusion.py`.
 
         The cotangents of the constants of body and bath leave the derivative of the loop in the loop of the motion.
-        Without this, each would have a loop of its own, with much of the derivative of the step.
+        Without this, each would have a separate loop, with much of the derivative of the step.
 
         Args:
             shared: whether the bodies of a batch share the constants. Each then has a copy for the derivative; the

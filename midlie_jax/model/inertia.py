@@ -64,8 +64,7 @@ class Inertia(NamedTuple):
     def tied(self) -> "Inertia":
         """The same numbers, whose derivative is a function of the moments alone.
 
-        Otherwise each number would be a parameter of its own to a reverse derivative, which has to compute a cotangent
-        for every parameter in every step.
+        Otherwise a reverse derivative would compute a cotangent for each number in every step.
         """
         return _tied(self.moments, self)
 

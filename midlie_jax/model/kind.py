@@ -120,8 +120,7 @@ class Kind:
         return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in self._arrays(difference)))
 
     def _arrays(self, state: Any) -> Iterable[tuple[type[Leaf], tuple[Array, ...]]]:
-        arrays = [getattr(state, field.name) for field in fields(self.of)]
-        return zip(self.leaves, by_leaf(self.leaves, arrays), strict=True)
+        return zip(self.leaves, arrays_by_leaf(self.leaves, state), strict=True)
 
     # Torques
 
@@ -203,6 +202,10 @@ def by_leaf(leaves: Leaves, items: Iterable[Any]) -> Sequence[tuple[Any, ...]]:
     """The items, one for each array of a state, in one tuple for each leaf."""
     rest = iter(items)
     return [tuple(islice(rest, leaf.arrays)) for leaf in leaves]
+
+
+def arrays_by_leaf(leaves: Leaves, state: Any) -> Sequence[tuple[Array, ...]]:
+    return by_leaf(leaves, [getattr(state, field.name) for field in fields(state)])
 
 
 def both(*pairs: tuple[Any, Any]) -> tuple[Momenta, Place]:

@@ -20,7 +20,7 @@ from .._checks.arguments import as_floats, described
 from .._checks.brief_help import BriefHelp
 from .._math import components as cp
 from .bodies import Body
-from .kind import Kind, Leaves, by_leaf
+from .kind import Kind, Leaves, arrays_by_leaf
 from .leaf import Described, needs_attitude
 
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
@@ -114,7 +114,7 @@ class State(eqx.Module, metaclass=BriefHelp):
         return isinstance(body, cls.body)
 
     def _by_leaf(self) -> Any:
-        return by_leaf(self.leaves, [getattr(self, field.name) for field in fields(self)])
+        return arrays_by_leaf(self.leaves, self)
 
     @property
     def _pose(self) -> Any:
