@@ -3,8 +3,8 @@
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               a fixed set of the tests, for two cores: all but what is marked `sample`, and the files
 #                           that tests/conftest.py leaves to make test-rest
-#   make test-rest          what make test leaves out: an hour; MINUTES=45 skips what would begin later; BEGIN=7 begins at
-#                           another file
+#   make test-rest          what make test leaves out: an hour; MINUTES=20 skips what would begin later; BEGIN=7 begins
+#                           with another third of the files
 #   make test-all           both: all laws for one method of each kind
 #   make test-full          every law for every method, dtype and driver: hours
 #   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes; LIMIT=400
@@ -23,7 +23,7 @@
 #   make docs               the pages of docs/ as a site: site/index.html
 #   make figures            draws every picture of docs/ again, each by the command beside it: hours
 #   make test-release       runs all that README and docs say, with the wheel in an empty environment
-#   make test-lowest        some tests with the least versions of what the package depends on
+#   make test-lowest        some of make test on the oldest Python, with the least versions of what the package depends on
 
 # The newest and the oldest of these Pythons that the machine has, in PATH or among pyenv's; else python3.
 VERSIONS = 3.13 3.12 3.11
@@ -112,9 +112,9 @@ figures: .venv/.bench
 test-release: .venv/.test
 	$(PYTEST) tests/test_docs.py tests/test_release.py tests/newcomer.py
 
-LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves cli charts fit_calls release)
+LOWEST = $(patsubst %,tests/test_%.py,laws runs ensemble stepper so3 bodies inputs scalars leaves cli fit_calls release)
 test-lowest: .venv-lowest/.lowest
-	.venv-lowest/bin/pytest -n 2 --no-loadscope-reorder $(LOWEST)
+	.venv-lowest/bin/pytest -n 2 --no-loadscope-reorder --sample $(LOWEST)
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zlib
 from collections import Counter
 from itertools import count
 from pathlib import Path
@@ -39,7 +40,7 @@ def pytest_addoption(parser):
     parser.addoption("--sample", action="store_true", help="of a law marked sample(n) its first n parameters")
     parser.addoption("--rest", action="store_true", help="what --sample leaves out")
     parser.addoption(
-        "--begin", type=int, default=0, metavar="N", help="begin at a file that depends on N, evenly spread"
+        "--begin", type=int, metavar="N", help="begin with every third file, from the one of number N mod 3"
     )
     parser.addoption("--minutes", type=float, metavar="N", help="skip the tests that would begin after N minutes")
 
@@ -107,10 +108,18 @@ def pytest_xdist_make_scheduler(config, log):
 
     class Groups(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            stem = Path(nodeid.partition("::")[0]).stem
-            return TOGETHER.get(stem, stem)
+            return group_of(nodeid)
 
     return Groups(config, log)
+
+
+def group_of(nodeid):
+    """The file; of the law of paths, which takes as long as all others of a worker, a tenth of its scenes."""
+    file, _, parameters = nodeid.partition("[")
+    stem = Path(file.partition("::")[0]).stem
+    if stem == "test_paths":
+        return f"{stem} {zlib.crc32(parameters.partition('-')[0].rstrip(']').encode()) % 10}"
+    return TOGETHER.get(stem, stem)
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -131,12 +140,12 @@ def pytest_collection_modifyitems(config, items):
         chosen.append(sampled == config.option.sample)
     config.hook.pytest_deselected(items=[item for item, own in zip(items, chosen, strict=True) if not own])
     items[:] = [item for item, own in zip(items, chosen, strict=True) if own]
-    files = list(dict.fromkeys(item.path for item in items))
-    if config.option.begin and files:
-        # Multiples of the golden section are spread evenly: a few values of N begin in all parts of the list.
-        first = files[int(config.option.begin * 0.6180339887 % 1 * len(files))]
-        begin = next(n for n, item in enumerate(items) if item.path == first)
-        items[:] = items[begin:] + items[:begin]
+    if config.option.begin is not None:
+        # Three values of N that follow each other begin with all groups of files.
+        number = {group: n for n, group in enumerate(dict.fromkeys(group_of(item.nodeid) for item in items))}
+        items.sort(
+            key=lambda item: ((number[group_of(item.nodeid)] - config.option.begin) % 3, number[group_of(item.nodeid)])
+        )
 
 
 def pytest_runtest_setup(item):
