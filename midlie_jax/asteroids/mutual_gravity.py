@@ -107,7 +107,6 @@ class MutualGravity(ReadsBody):
         return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         bodies = self._bodies(state, body)
         zero = jnp.zeros_like(bodies[0].position[0])
         torques = [(zero, zero, zero)] * len(bodies)
@@ -121,7 +120,6 @@ class MutualGravity(ReadsBody):
         return Wrench(jnp.stack([*map(cp.pack, torques)]), jnp.stack([*map(cp.pack, forces)]))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         pairs = [_Pair(self, *two).potential() for two in combinations(self._bodies(state, body), 2)]
         return sum(pairs[1:], start=pairs[0])
 

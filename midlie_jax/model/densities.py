@@ -68,7 +68,6 @@ class OrbitalDistance(eqx.Module):
         self.longest = _positive("longest", longest)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        del state
         position = cp.vector(vector_at("orbit", self.orbit, t))
         x, y, z = (p / self.reference for p in position)
         nearness = 1 / (x * x + y * y + z * z)
@@ -150,7 +149,6 @@ class Spin(eqx.Module):
         self.floor = _positive("floor", floor)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        del t
         momentum, moments = cp.vector(state.momentum), cp.vector(self.moments)
         x, y, z = (p / i / self.reference for p, i in zip(momentum, moments, strict=True))
         floor = self.floor / self.reference

@@ -66,7 +66,6 @@ class Kind:
 
     def of_run(self, state: Any, torque: Traits | None) -> "Kind":
         """The form in which a run moves this state under a torque with these traits."""
-        del state, torque
         return self
 
     def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:

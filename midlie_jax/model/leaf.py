@@ -74,19 +74,16 @@ class Leaf:
         With `no_step`, the pose is moved at every step: a quaternion or direction is corrected for earlier rounding
         errors of its length, but if `no_step` is True (a step of length zero), no bit changes.
         """
-        del no_step
         return cp.tree_add(pose, increment)
 
     @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:
         """d pose / dt, a linear function of the velocity."""
-        del pose
         return velocity
 
     @staticmethod
     def momentum_rate(momentum: Any, velocity: Any, force: Any) -> Any:
         """d momentum / dt, jointly linear in velocity and force; Pi' = Pi x Omega + T for a rigid body."""
-        del momentum, velocity
         return force
 
     @staticmethod
@@ -95,7 +92,6 @@ class Leaf:
 
         If a part of the pose must have length one, one Newton step corrects its length.
         """
-        del no_step
         return cp.tree_add(pose, change)
 
     @classmethod
@@ -125,13 +121,11 @@ class Leaf:
             exposure, root: from `PreparedBath` (`model/exposure.py`).
             momentum, pose, noise: components.
         """
-        del exposure, root, momentum, pose, noise
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     @classmethod
     def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
         """Ornstein-Uhlenbeck change of a space-frame vector under an exposure in the body frame."""
-        del exposure, root, vector, pose, noise
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     # Frames
@@ -139,7 +133,6 @@ class Leaf:
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: Any) -> Any:
         """The components of a momentum or force in a frame rotated by `frame` from the present one."""
-        del frame, vector
         raise ValueError("this kind of state supports only the principal frame; define `vector_in`.")
 
     @classmethod
@@ -150,7 +143,6 @@ class Leaf:
     @staticmethod
     def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame; `owner` is the state, for messages."""
-        del pose, vector
         raise ValueError(f"a {type(owner).__name__} holds no direction; use a DirectionState or a RigidState instead.")
 
     @classmethod
@@ -161,19 +153,16 @@ class Leaf:
     @staticmethod
     def from_body(owner: Any, pose: Any, vector: Any) -> Any:
         """The components, in the frame of the momentum, of a vector fixed in the body."""
-        del owner, pose
         return vector
 
     @staticmethod
     def to_space(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
         """The space components of a vector in the frame of the momentum."""
-        del pose, vector
         raise needs_attitude(owner)
 
     @staticmethod
     def spatial_momentum(owner: Any, *arrays: Array) -> Array:
         """The angular momentum in the space frame, about the fixed point or the centre of mass, (..., 3)."""
-        del arrays
         raise needs_attitude(owner)
 
     # Arrays
@@ -246,22 +235,18 @@ class NoPose(Leaf):
 
     @classmethod
     def pose(cls, *arrays: Array) -> tuple[()]:
-        del arrays
         return ()
 
     @staticmethod
     def packed(momentum: Any, pose: tuple[()]) -> tuple[Array, ...]:
-        del pose
         return (cp.pack(momentum),)
 
     @staticmethod
     def act(pose: tuple[()], increment: Any, no_step: Array | None = None) -> tuple[()]:
-        del increment, no_step
         return pose
 
     @staticmethod
     def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
-        del velocity
         return pose
 
 

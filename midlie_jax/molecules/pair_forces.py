@@ -132,20 +132,17 @@ class PairForces(Torque):
         return eqx.tree_at(lambda f: f.neighbours, self, near, is_leaf=lambda x: x is None)
 
     def __call__(self, t: Time, state: Any) -> Wrench:
-        del t
         forces, _ = self._sums(state, self.single, with_energy=False)
         edge, dtype = self.box[0], state.position.dtype
         wrench = wrench_on_sites(state, self.points / edge, _on_sites(forces).astype(dtype))
         return Wrench(wrench.torque, wrench.force / edge)
 
     def potential(self, t: Time, state: Any) -> Array:
-        del t
         _, (energy, _) = self._sums(state, single=False, with_energy=True)
         return jnp.sum(energy) / 2  # a pair is in two lists
 
     def virial(self, t: Time, state: Any) -> Array:
         """The sum over pairs of molecules of force times distance of the centres of mass, energy."""
-        del t
         forces, (_, virial) = self._sums(state, single=False, with_energy=True)
         arms = sites(state, self.points) - state.position[:, None]
         return jnp.sum(virial) / 2 - jnp.sum(_on_sites(forces) * (arms / self.box[0]))
@@ -297,7 +294,6 @@ def _fitted(function: Callable[[float], float], degree: int) -> np.ndarray:
 @jax.custom_jvp
 def _apart(whole: Array, other_whole: Array, place: Array, other: Array) -> Array:
     """The difference of places from whole numbers, whose derivative would be zero; in float32."""
-    del place, other
     return (whole - other_whole).astype(jnp.float32) * 2.0**-32
 
 

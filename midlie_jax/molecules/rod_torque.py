@@ -97,7 +97,6 @@ class Rod(Torque):
         self.clamp = None if clamp is None else _frame(clamp)
 
     def __call__(self, t: Time, state: AnyState) -> Wrench:
-        del t
         links = self._links(state)
         force, first, second = links.load()
         if self.clamp is not None:  # the force on the fixed frame is not needed
@@ -105,7 +104,6 @@ class Rod(Torque):
         return Wrench(_after(second) + _before(first), _before(force) - _after(force))
 
     def potential(self, t: Time, state: AnyState) -> Array:
-        del t
         return self._links(state).potential()
 
     def _links(self, state: Any) -> "_Links":

@@ -120,13 +120,11 @@ class MomentumWheels(ReadsVelocity):
             state.in_one_frame(cp.vector(self.momentum))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         # The spin of a `SymmetricRotor`, which its velocity omits, is along h.
         return cp.pack(cp.cross(_in_frame(self.momentum, state), cp.vector(body.velocity(state.momentum))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
         """Zero: the torque is perpendicular to the angular velocity and does no work."""
-        del t, body
         return jnp.zeros_like(state.momentum[..., 0])
 
 

@@ -145,7 +145,6 @@ def _on_facet(
 @jax.custom_jvp
 def _speed_away(square: Array, accommodation: Array, wall_square: Array, wall: Array) -> Array:
     """v_r, from v^2, a, v_w^2 and v_w, of which the value needs only the squares."""
-    del wall
     return cp.root(0.5 * (1 - accommodation) * square + accommodation * wall_square)
 
 

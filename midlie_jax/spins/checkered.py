@@ -47,7 +47,6 @@ class CheckeredSpins(OnLattice):
         return ((x[0], y[0], z[0]), (x[1], y[1], z[1])), ()
 
     def join(self, momentum: Any, pose: tuple[()]) -> SpinState:
-        del pose
         odd, shape = _parity(self.lattice), (*self.lattice[:-1], -1)
 
         def whole(a: Array, b: Array) -> Array:

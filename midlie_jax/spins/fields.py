@@ -48,7 +48,6 @@ class SpinField(Torque):
 
     def is_uniform(self, t: Time) -> bool:
         """Whether its parameters are the same for all spins."""
-        del t
         return True
 
     @abstractmethod
@@ -146,7 +145,6 @@ class OwnField(SpinField):
         require_lattice("strength", self.strength, lattice_of(self, state))
 
     def is_uniform(self, t: Time) -> bool:
-        del t
         return not self.strength.ndim
 
     @abstractmethod
@@ -163,7 +161,6 @@ class OwnField(SpinField):
         return None
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
-        del t
         total = cp.scale(0, spin)
         for axis in self.axes():
             axis = in_dtype_of(spin, axis)
@@ -215,7 +212,6 @@ class Anisotropy(OwnField):
         return 2 * self.strength
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
-        del t
         component = cp.dot(cp.vector(self.axis), spin)
         return -self.strength * component * component
 
@@ -248,6 +244,5 @@ class CubicAnisotropy(OwnField):
         return 2 * self.strength * component * component * component
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
-        del t
         x, y, z = (component * component for component in spin)
         return self.strength * (x * y + y * z + z * x)

@@ -48,7 +48,6 @@ class MidpointOnSphere(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del t1, force
         if system.torque is None:
             return motion, None, True
         start: cp.Vector = motion.momentum
@@ -74,7 +73,6 @@ class SphericalMidpoint(MidpointOnSphere):
     symplectic: bool = eqx.field(static=True, default=True)
 
     def moved(self, spin: cp.Vector, middle: cp.Vector, change: cp.Vector) -> cp.Vector:
-        del middle
         return cp.add(spin, change)
 
 

@@ -48,12 +48,10 @@ class NeighbourField(SpinField):
         """The energy of the bonds along an axis, from each spin and the next."""
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
-        del t
         near = self.near(spin)
         return sum((self.of_bonds(axis, spin, near(axis, 1)) for axis in range(spin[0].ndim)), jnp.zeros_like(spin[0]))
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
-        del t
         return self.field_of(self.near(spin), spin[0].ndim)
 
     def near(self, spin: cp.Vector) -> Near:

@@ -30,7 +30,6 @@ class HeatBath(eqx.Module):
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""
-        del state
 
     @abstractmethod
     def check_kind(self, state: Any, body: Any) -> None:

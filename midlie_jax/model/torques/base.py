@@ -54,12 +54,10 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
     def potential(self, t: Time, state: Any) -> Array:
         """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
-        del t, state
         raise no_potential(self)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """A space-fixed direction about which the torque has no component, in body components; None if unknown."""
-        del state
         return None
 
     @property
@@ -79,7 +77,6 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
     def tide(self, t: Time, state: Any, place: cp.Vector) -> cp.Vector | None:
         """The gravity at a position in the body minus the gravity at the centre of mass, body frame; None if zero."""
-        del t, state, place
         return None
 
     def without_gravity(self) -> TorqueLike | None:
@@ -91,7 +88,6 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
     def on(self, body: Any) -> "Torque":
         """The torque bound to a body: an `OnBody` if the torque reads the body, otherwise the torque itself."""
-        del body
         return self
 
     def __add__(self, other: TorqueLike | None) -> "Sum":

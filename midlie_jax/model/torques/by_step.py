@@ -46,7 +46,6 @@ class _Constant(Torque):
     value: Any
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del t, state
         return self.value
 
 
@@ -89,7 +88,6 @@ class Held(ByStep):
         self.dt, self.t0 = as_positive("dt", dt), as_finite("t0", t0)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del state
         place = (t - self.t0) / self.dt
         return self._value(jnp.floor(place + _slack(place)))
 
@@ -156,7 +154,6 @@ class Pulses(ByStep):
         self.torque = _rows("torque", torque, 1)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del state
         since = t - self._starts()
         return self._weighted(((since >= 0) & (since < self.width)).astype(since.dtype))
 

@@ -65,7 +65,6 @@ class Damping(ReadsVelocity):
             )
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         if not isinstance(body.turning, SymmetricRotor):
             return -self.coefficient * body.velocity(state.momentum)
         velocity, gain = angular_velocity_of(state, body), jnp.broadcast_to(self.coefficient, state.momentum.shape)

@@ -39,7 +39,6 @@ class Prescribed(Torque):
         require_function("function", self.function, "t")
 
     def __call__(self, t: Time, state: Any) -> Array:
-        del state
         return self.function(t)
 
 

@@ -22,7 +22,6 @@ class ReadsBody(Torque):
 
     def potential_at(self, t: Time, state: Any, body: Any) -> Array:
         """The potential energy () of the given body; a ValueError if the torque has no potential."""
-        del t, state, body
         raise no_potential(self)
 
     def on(self, body: Any) -> Torque:

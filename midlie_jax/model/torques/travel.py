@@ -88,12 +88,10 @@ class UniformGravity(_Gravity):
         self.acceleration = as_finite("acceleration", acceleration, (3,))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         state, body = travelling(self, state, body)
         return Wrench(jnp.zeros_like(state.momentum), body.mass * self.acceleration)
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         moving, body = travelling(self, state, body)
         return -body.mass * cp.dot(cp.vector(self.acceleration), cp.vector(moving.position))
 
@@ -161,7 +159,6 @@ class PointMass(_Gravity):
         self.mu = as_positive("mu", mu, cure=G_TIMES_MASS)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
         if not self.gradient:
@@ -175,7 +172,6 @@ class PointMass(_Gravity):
         return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-strength, force))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
         if not self.gradient:
@@ -227,7 +223,6 @@ class Oblateness(_Gravity):
         require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k = self._strength(square)
@@ -251,7 +246,6 @@ class Oblateness(_Gravity):
         return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-k * square, force))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k, s = self._strength(square), cp.dot(cp.vector(self.pole), place.space)
