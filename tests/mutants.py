@@ -32,7 +32,7 @@ MUTANTS = {
         *("spacecraft/gravity_gradient.py", "return «3→2» * self.mu * inverse * inverse"),
         "torques orbits api_examples",
     ),
-    "rod": ("molecules/rod_torque.py", "cp.scale(«0.5→1.0», cp.cross(lever, rodrigues))", "paths -k slope"),
+    "rod": ("molecules/rods.py", "cp.scale(«0.5→1.0», cp.cross(lever, rodrigues))", "paths -k slope"),
     "Dzyaloshinskii-Moriya": (
         *("spins/neighbours.py", "cp.«subtract→add»(near(axis, 1), near(axis, -1))"),
         "paths -k slope",

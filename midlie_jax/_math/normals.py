@@ -20,7 +20,6 @@ import numpy as np
 from jax import Array
 
 from .._xla.fusion import split
-from .counter import words
 
 # Minimax polynomials, lowest power first. Near zero, to rounding: -log(1 + x)/x for sqrt(1/2) <= 1 + x <= sqrt(2), to
 # 1.7e-7; 1/sqrt(1 - x) for |x| <= 0.07, to 2.3e-8.
@@ -140,3 +139,52 @@ def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     for c in reversed(lower):
         value = value * x + np.float32(c)
     return value
+
+
+# Words without a pattern: the fractional parts of the square roots of the first primes, as in SHA-2.
+_ROOTS = (0x6A09E667, 0xBB67AE85, 0x3C6EF372, 0xA54FF53A, 0x510E527F, 0x9B05688C, 0x1F83D9AB, 0x5BE0CD19)
+
+
+def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array | int, count: int) -> tuple[Array, ...]:
+    """`count` random words, uint32, in the shape of the member, if that is an array.
+
+    Args:
+        key: two or four words, uint32.
+        step, stage: of the run and in the step; scalars shared by all bodies.
+        member: the owner of the words, one number or an array of them. Calls with the same count give each member its
+            own numbers.
+    """
+    blocks = -(-count // 4)
+    # Each of the two is mixed separately, then both together. XLA computes the part that depends only on the key before
+    # the loop over steps; the part that does not depend on the body costs nothing in a loop over bodies. The constants
+    # come first, because `_mix` does not change two leading words of zero, and key 0 has no others.
+    a, b, c, d = (*map(_word, _ROOTS[len(key) : 4]), *key)
+    own = _mix(_fold(a), _fold(b), _fold(c), _fold(d))
+    place = _mix(*_mix(*map(_fold, (_word(_ROOTS[6]), _word(_ROOTS[7]), _word(step), _word(stage)))))
+    result: list[Array] = []
+    for block in range(blocks):
+        row = _word(member) * _word(blocks) + _word(block)
+        # Odd multiples, so that the words differ from row to row, and not only in their highest bits.
+        rows = (_fold(row * _word(root | 1)) for root in _ROOTS[:4])
+        x, y, z, w = (k ^ (p + r) for k, p, r in zip(own, place, rows, strict=True))
+        result += _mix(x, y, z, w)
+    return tuple(result[:count])
+
+
+def _word(x: Array | int) -> Array:
+    return jax.lax.convert_element_type(x, jnp.uint32) if isinstance(x, Array) else jnp.asarray(np.uint32(x))
+
+
+def _fold(x: Array) -> Array:
+    return x ^ (x >> _word(16))
+
+
+def _mix(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
+    """A permutation of all blocks of four words."""
+    for _ in range(2):
+        x = x + y * w
+        y = y + z * x
+        z = z + x * y
+        w = w + y * z
+        x, y, z, w = _fold(x), _fold(y), _fold(z), _fold(w)
+    return x, y, z, w

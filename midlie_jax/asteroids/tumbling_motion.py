@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 
 from .._checks.arguments import as_finite, as_floats, as_positive, require, shown
 from .._math import components as cp
-from .._math.complete import amplitude, complete, fraction_of
+from .._math.elliptic import amplitude, complete, fraction_of
 from .._math.powers import unit as power_of_two
 from ..drivers.observe.observables import QUANTITIES
 from ..model import so3

@@ -19,7 +19,7 @@ from .._math import components as cp
 from .._math.powers import unit as power_of_two
 from . import masses, so3
 from .inertia import Inertia
-from .rounded import made_flat
+from .masses import made_flat
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6

@@ -266,3 +266,8 @@ class Flat(Leaf):
 def needs_attitude(state: Any) -> ValueError:
     """The error for a state without an attitude."""
     return ValueError(f"this needs the attitude, which {type(state).__name__} does not have; use a RigidState.")
+
+
+def length_correction(square: Array, no_step: Array) -> Array:
+    """The c for which (1 + c) v has length 1 if |v|^2 = square, by one Newton step; zero where `no_step` is True."""
+    return jnp.where(no_step, jnp.zeros_like(square), 0.5 - 0.5 * square)

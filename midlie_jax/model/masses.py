@@ -1,4 +1,4 @@
-"""The forms of a mass of `Particles`, and the shapes of positions that each form fits."""
+"""Numbers of bodies: the forms of a mass of `Particles` with the shapes that each fits, and moments of a flat body."""
 
 from typing import Any
 
@@ -9,6 +9,7 @@ from jax import Array
 
 from .._checks.arguments import require, require_finite
 from .._math import components as cp
+from .._math.components import is_traced
 
 
 def is_positive(numbers: np.ndarray) -> Any:
@@ -82,3 +83,34 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
 
 def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
     return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))
+
+
+_MOST = 1e-3  # the largest violation relative to the sum of the moments, for any number of digits
+
+
+def made_flat(moments: Array, tolerance: float) -> Array:
+    """Moments (..., 3), with the largest lowered to the sum of the other two if rounding explains the excess.
+
+    The numbers must be concrete; their common last digit bounds the rounding of each. Violations up to the tolerance,
+    relative to the sum of the moments, change nothing.
+    """
+    if is_traced(moments):
+        return moments
+    rows = np.array(moments).reshape(-1, 3)
+    total = rows.sum(axis=1)
+    excess = 2 * rows.max(axis=1) - total
+    changed = False
+    for i in np.flatnonzero((excess > tolerance * total) & (excess <= _MOST * total)):
+        row = rows[i]
+        if excess[i] <= 1.5 * 1.001 * min(map(_last_digit, row)):
+            largest = int(np.argmax(row))
+            row[largest] = 0
+            row[largest] = row.sum()
+            changed = True
+    return jnp.asarray(rows.reshape(moments.shape)) if changed else moments
+
+
+def _last_digit(number: np.floating) -> float:
+    """One unit in the last digit of the shortest decimal representation of a number."""
+    mantissa, _, exponent = np.format_float_scientific(number, trim="-").partition("e")
+    return 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))

@@ -4,9 +4,9 @@ from . import attitudes as attitudes
 from .control import MomentumWheels as MomentumWheels
 from .control import PDControl as PDControl
 from .control import ReactionWheels as ReactionWheels
+from .control import Thrust as Thrust
 from .eddy_currents import EddyCurrents as EddyCurrents
 from .free_molecular_drag import FreeMolecularDrag as FreeMolecularDrag
 from .gravity_gradient import GravityGradient as GravityGradient
 from .sidereal_time import gmst as gmst
-from .thrust import Thrust as Thrust
 from .wheels import DrivenWheels as DrivenWheels

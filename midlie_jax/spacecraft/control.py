@@ -1,7 +1,4 @@
-"""Attitude control: feedback, momentum wheels and reaction wheels.
-
-Reference: P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapter 6 (gyrostats).
-"""
+"""Attitude control: feedback, momentum wheels, reaction wheels and thrust."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,13 +8,14 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_finite, as_floats, is_unit, require, require_function, vector_at
+from .._checks.arguments import as_finite, as_floats, as_function_of_time, is_unit, require, require_function, vector_at
 from .._math import components as cp
 from ..model import so3
 from ..model.state import AnyState, Time, attitude_of
-from ..model.torques.friction import as_gain
-from ..model.torques.reads_body import ReadsVelocity, knows_axis_alone
-from ..model.torques.travel import acts_on_one
+from ..model.torques.base import Torque
+from ..model.torques.reads_body import ReadsVelocity, as_gain, knows_axis_alone
+from ..model.torques.travel import acts_on_one, travelling
+from ..model.wrench import Wrench
 
 
 class PDControl(ReadsVelocity):
@@ -162,3 +160,38 @@ class ReactionWheels(ReadsVelocity):
 def _in_frame(of_body: Array, state: AnyState) -> cp.Vector:
     """A body vector in the frame of the torque; NaN if the state holds one axis and the vector is not along it."""
     return state.in_one_frame(cp.vector(of_body))[0] if knows_axis_alone(state) else cp.vector(of_body)
+
+
+class Thrust(Torque):
+    """An engine fixed in the body: its force, and the torque lever x force, both in the body frame.
+
+    Attributes:
+        force: the thrust, body frame, (3,), or a function `force(t) -> (3,)`.
+        lever: vector from the centre of mass to the engine, body frame, (3,), or a function `lever(t) -> (3,)`.
+
+    Raises:
+        ValueError: force or lever of another shape, or not finite. When called: the state does not translate.
+
+    Examples:
+        >>> engine = ml.spacecraft.Thrust(force=[0.0, 0.0, 2.0], lever=[0.5, 0.0, 0.0])
+        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
+        >>> engine(0.0, state).torque[1].item(), engine(0.0, state).force[2].item()  # lever x force; in space
+        (-1.0, 2.0)
+    """
+
+    force: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    lever: Float[Array, "*batch 3"] | Callable[[Any], Array]
+
+    def __init__(self, force: Any, lever: Any):
+        self.force, self.lever = as_function_of_time("force", force), as_function_of_time("lever", lever)
+
+    def check(self, state: AnyState) -> None:
+        for vector in (self.force, self.lever):
+            if not callable(vector):
+                state.in_one_frame(cp.vector(vector))
+
+    def __call__(self, t: Time, state: AnyState) -> Any:
+        state, _ = travelling(self, state, None)
+        vectors = (cp.vector(vector_at(name, getattr(self, name), t)) for name in ("force", "lever"))
+        force, lever = (state.in_one_frame(v)[0] for v in vectors)
+        return Wrench(cp.pack(cp.cross(lever, force)), cp.pack(state.to_space(force)))

@@ -8,14 +8,24 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from ..._checks.arguments import as_not_negative, described, is_key
-from ..bodies import Body, RigidBody, TensorBody
-from ..exposure import PreparedBath, PreparedSum, root_of
+from ..._checks.arguments import (
+    as_floats,
+    as_not_negative,
+    described,
+    is_key,
+    require,
+    require_finite,
+    require_function,
+    shown,
+)
+from ..._math.components import is_traced
+from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
+from ..exposure import ROUNDED, PreparedBath, PreparedSum, root_of
 from ..rotor import SymmetricRotor
 from ..state import AnyState
-from .coefficient import check_shape, check_travel, shape_of
 
 
 class HeatBath(eqx.Module):
@@ -199,3 +209,64 @@ def as_key(key: Any) -> Array:
     if not is_key(key):
         raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
     return key
+
+
+def as_coefficient(name: str, value: Any) -> Any:
+    if callable(value):
+        require_function(name, value, "t")
+        return value
+    numbers = as_floats(name, value)
+    require_finite(name, numbers)
+    if numbers.shape[-2:] != (3, 3) or is_traced(numbers):
+        require(name, numbers, lambda x: x >= 0, "must not be negative", "check its sign.")
+        return numbers
+    tensor = np.asarray(numbers, np.float64)
+    largest = np.abs(tensor).max(initial=0.0)
+    if not is_symmetric(tensor):
+        raise ValueError(
+            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; or, "
+            f"{read_as_tensor(name)}."
+        )
+    least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
+    if least < -ROUNDED * largest:
+        raise ValueError(
+            f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
+            f"signs; or, {read_as_tensor(name)}."
+        )
+    return numbers
+
+
+def at(value: Any, t: Array) -> Array:
+    """The numbers at a time, in the dtype of the time; NaN if one is negative, or a tensor is not symmetric."""
+    if not callable(value):
+        return value.astype(t.dtype)
+    found: Any = value(t)
+    numbers = jnp.asarray(found).astype(t.dtype)
+    if numbers.shape[-2:] != (3, 3):
+        return jnp.where(numbers < 0, jnp.nan, numbers)
+    off = jnp.abs(numbers - jnp.swapaxes(numbers, -1, -2))
+    return jnp.where(jnp.any(off > ROUNDED * jnp.max(jnp.abs(numbers))), jnp.nan, numbers)
+
+
+def shape_of(value: Any, dtype: Any) -> tuple[int, ...]:
+    return jax.eval_shape(value, jax.ShapeDtypeStruct((), dtype)).shape if callable(value) else value.shape
+
+
+def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
+    """Raises unless this is the shape of numbers for one body, or for these coupled bodies."""
+    count = state.momentum.shape[-2] if state.several else None
+    leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
+    if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
+        wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
+        raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
+
+
+def check_travel(bath: str, name: str, value: Any, state: Any) -> None:
+    """Raises unless the numbers for the translation are there if, and only if, the body translates."""
+    kind = type(state).__name__
+    if (state.kind.rotation is None) != (value is None):
+        raise ValueError(
+            f"a {kind} translates: give {bath} the {name}, or 0 for none."
+            if state.kind.rotation is not None
+            else f"a {kind} does not translate: leave out {name}."
+        )

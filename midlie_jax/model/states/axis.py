@@ -12,12 +12,11 @@ from ..._math import components as cp
 from .. import so3
 from ..exposure import InSpace
 from ..kind import Leaves
-from ..leaf import Described, needs_attitude
+from ..leaf import Described, length_correction, needs_attitude
 from ..rotor import SymmetricRotor
 from ..state import State
-from .length import length_correction
+from .direction import UnitVector
 from .rigid import RigidState
-from .unit_vector import UnitVector
 
 _NO_SPIN = 1e-6  # relative to the angular velocity, below which a part along the axis is rounding
 SPATIAL_MOMENTUM = {

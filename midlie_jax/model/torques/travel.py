@@ -18,6 +18,7 @@ from ..._checks.arguments import (
     as_finite,
     as_floats,
     as_function_of_time,
+    as_not_negative,
     as_positive,
     as_weak,
     is_unit,
@@ -331,6 +332,57 @@ class InAir(ReadsBody):
     @abstractmethod
     def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
         """The torque, from the velocity in the body frame."""
+
+
+class Drag(InAir):
+    """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
+
+    This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
+    `Drag` for each plate, or write a custom torque. With `velocity`, a known path, it is a torque alone. Without, it
+    uses the velocity of a body that translates, and the drag is a wrench.
+
+    Attributes:
+        lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
+        area: drag coefficient times cross section A, (), length^2, not negative.
+        density: density rho of the air, (), mass/length^3, not negative.
+        velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
+            length/time; None for the velocity of a `FreeState`.
+        wind: with `velocity` None, the velocity of the air, in the same forms; None for air at rest.
+
+    Raises:
+        ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
+            When called: as for `DipoleInField`; without `velocity`, body and state do not translate.
+
+    Examples:
+        >>> drag = ml.torques.Drag(lever=[0.0, 0.0, 0.5], area=2.0, density=1e-11, velocity=[7600.0, 0.0, 0.0])
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(1e6 * float(drag(0.0, state)[1]), 3)  # micro-N m: -lever * rho A v^2 / 2
+        -288.8
+    """
+
+    lever: Float[Array, "*batch 3"]
+    area: Float[Array, "*batch"]
+    density: Float[Array, "*batch"]
+
+    def __init__(self, lever: Any, area: Any, density: Any, velocity: Any = None, *, wind: Any = None):
+        self.lever = as_finite("lever", lever, (3,))
+        self.area, self.density = as_not_negative("area", area), as_not_negative("density", density)
+        self._set_flow(velocity, wind)
+
+    def check(self, state: AnyState) -> None:
+        if isinstance(state, TravellingState):
+            state.in_one_frame(cp.vector(self.lever))
+
+    def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(cp.vector(self.lever), self._force(velocity))
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Any:
+        state, body = travelling(self, state, body)
+        force = self._force(through_air(t, state, body, self.wind))
+        return Wrench(cp.pack(cp.cross(*state.in_one_frame(cp.vector(self.lever), force))), cp.pack(force))
+
+    def _force(self, velocity: cp.Vector) -> cp.Vector:
+        return cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
 
 
 def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any], Array] | None) -> cp.Vector:
