@@ -155,7 +155,7 @@ def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
         shapes = {tuple(map(int, found.split(","))) for found in re.findall(r"\w\d\d\[([\d,]+)\]", text)}
         assert not [shape for shape in shapes if bodies in shape and np.prod(shape) > 24 * bodies]
         assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
-        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,11]" in b]
+        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,12]" in b]
         assert max(loops) == most
 
 

@@ -78,7 +78,6 @@ def half_angle_of(above: Array, below: Array) -> Complex:
 
 
 def product(a: Complex, b: Complex) -> Complex:
-    """The complex product, whose angle is the sum of the two angles."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
@@ -91,13 +90,9 @@ _STEPS = 10  # enough for m1 down to 1e-60
 
 
 def complete(m1: Array, p: Array) -> Array:
-    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn.
+    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn, for m1 > 0 and p > 0.
 
     It is K for p = 1, and Pi(n, m) for p = 1 - n.
-
-    Args:
-        m1: above 0.
-        p: above 0.
     """
     kc = jnp.sqrt(m1)
     p = jnp.sqrt(p)

@@ -57,10 +57,7 @@ def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.nd
 
 
 def matrices_of(quaternions: np.ndarray) -> np.ndarray:
-    """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first, in float64.
-
-    Quaternions in float32 are unit quaternions only to rounding; their length is divided out.
-    """
+    """The matrices (n, 3, 3) of quaternions (n, 4), scalar first, in float64; their length is divided out."""
     quaternions = np.asarray(quaternions, np.float64)
     quaternions = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
     w, x, y, z = np.moveaxis(quaternions, -1, 0)

@@ -1,13 +1,14 @@
-"""Normal random numbers by counter, which fuse into a step.
+"""Normal random numbers by counter: a function of a key and of the position at which the numbers are used.
 
-Two words make two numbers: a radius and a point on the circle (G. Box and M. Muller, A note on the generation of random
-normal deviates, 1958). Logarithm, root, sine and cosine are bit operations and short polynomials. XLA would end a loop
-at a true root or logarithm that is used twice, and a division or a sine costs as much as all of this.
+A body draws the same numbers in any batch, and a resumed run those of an uninterrupted run. Two words make two numbers,
+a radius and a point on the circle (G. Box and M. Muller, 1958), by bit operations and short polynomials: XLA would end
+a loop at a true root or logarithm that is used twice. All is computed in float32, whose relative errors of 2e-7 shift
+the variance by less than 1e-7. Compilers differ in the last places, in contracting products and sums.
 
-Everything is computed in float32: relative errors of 2e-7 shift the variance by less than 1e-7, which no run can
-detect, and float64 runs have the same noise as float32 runs. The words are the same on every machine and in every
-program. The numbers can differ in the last places of float32, because compilers differ in contracting products and
-sums.
+The words are mixed as in pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU rendering, J. Comput. Graph. Tech.
+9(3), 2020). pcg4d itself is too weak for keys, because its low output bits do not depend on the highest input bits.
+Here words are folded first, and the result last; each input bit then changes each output bit with probability 1/2.
+`benchmarks/random_numbers.py` feeds statistical tests, and times other generators.
 """
 
 import math

@@ -34,10 +34,10 @@ class Powers(NamedTuple):
 
 
 def powers(alpha: Array, s: Array) -> Powers:
-    """The functions U_k at s: short series for s / 16, doubled four times.
+    """The functions U_k at s: short series for s / 16, doubled four times, without a division.
 
-    The doubling formulas contain no division, and no difference for negative alpha. There the relative error equals the
-    error of s; on an ellipse it is a few eps of 1 / sqrt(alpha)^k.
+    For negative alpha there is no difference either, and the relative error equals the error of s; on an ellipse it is
+    a few eps of 1 / sqrt(alpha)^k.
     """
     short = s / 2**_HALVINGS
     square = short * short

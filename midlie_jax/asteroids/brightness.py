@@ -111,7 +111,6 @@ class Light(Observable):
         return self(t, state)
 
     def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
-        """The intensity or magnitude (), of one state."""
         if state.several:
             raise ValueError(
                 f"{type(self).__name__} must have the state of one body, got a {type(state).__name__}; for body i "

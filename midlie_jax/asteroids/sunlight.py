@@ -96,23 +96,17 @@ class Sunlight(Torque):
         if not cp.is_traced(self.specular, self.diffuse):
             reflected = np.asarray(self.specular) + np.asarray(self.diffuse)
             if np.any(reflected > 1 + _TOLERANCE):
-                raise ValueError(
-                    f"specular + diffuse must be at most 1, got {reflected.max():g}; thermal is the radiated "
-                    "part of the absorbed rest."
-                )
+                raise ValueError(f"specular + diffuse must be at most 1, got {reflected.max():g}; reduce them.")
 
     def __call__(self, t: Time, state: AnyState) -> Any:
         sun = seen_from_body("direction", self.direction, t, state)
         flux = self.flux(t) if callable(self.flux) else self.flux
         pressure = -jnp.asarray(flux, sun[0].dtype) / self.speed_of_light
-        columns = self._columns()
-        if not isinstance(state, TravellingState):
-            columns, tables = with_horizon(columns[:-1], self.surface)
-            pushed, turned = sum_over_rows(_torques, columns, sun, tables)
-            return cp.pack(cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned)))
-        columns, tables = with_horizon(columns, self.surface)
+        columns, tables = with_horizon(self._columns(), self.surface)
         (pushed, turned), along, across = sum_over_rows(_loads, columns, sun, tables)
         torque = cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned))
+        if not isinstance(state, TravellingState):
+            return cp.pack(torque)
         force = cp.scale(pressure, cp.add(cp.scale(along, sun), across))
         return Wrench(cp.pack(torque), cp.pack(state.to_space(force)))
 
@@ -129,16 +123,8 @@ class Sunlight(Torque):
         return *normals, *cp.scale(taken, centroids), *levers, spread, 2 * surface.areas * specular, taken
 
 
-# The force along u acts at the centroid, so one sum r x u gives its torque; the part across the facet acts along n.
-
-
-def _torques(row: Any, sun: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
-    cosine = lit(cp.dot(row[0:3], sun))
-    light = cosine * unshadowed(row, 11, sun)
-    return cp.scale(light, row[3:6]), cp.scale(light * (row[9] + row[10] * cosine), row[6:9])
-
-
 def _loads(row: Any, sun: cp.Vector) -> tuple[tuple[cp.Vector, cp.Vector], Array, cp.Vector]:
+    # The force along u acts at the centroid, so one sum r x u gives its torque; the part across the facet acts along n.
     cosine = lit(cp.dot(row[0:3], sun))
     light = cosine * unshadowed(row, 12, sun)
     across = light * (row[9] + row[10] * cosine)

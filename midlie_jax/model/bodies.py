@@ -30,11 +30,7 @@ _RANGE_EXPONENT = 0.8
 
 
 def require_within_range(name: str, value: Any, units: str) -> None:
-    """Raises unless moments or masses leave room for the intermediate results of the methods.
-
-    Args:
-        units: the units named in the remedy.
-    """
+    """Raises unless moments or masses leave room for the intermediate results; the remedy names the units."""
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
     cure = in_wider(value.dtype, f"use other units of {units}")
     require_rows(
@@ -311,7 +307,23 @@ class TensorBody(Body):
         return so3.rotate(so3.conjugate(self.frame), vector)
 
 
-class Particles(Body):
+class Unturned(Body):
+    """A body without rotation, which is the constants of its own runs."""
+
+    def inertia(self) -> Any:
+        return self
+
+    def commutator(self, force: Any) -> Any:
+        return jax.tree.map(jnp.zeros_like, force)
+
+    def square_of_turn(self, h: Array | float, momentum: Any) -> Array:
+        return h * self.nutation(momentum)
+
+    def nutation(self, momentum: Any) -> Array:
+        return jnp.zeros((), jax.tree.leaves(momentum)[0].dtype)
+
+
+class Particles(Unturned):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
     The nodes of a deformable solid are also particles: positions (n, 3), masses (n, 1), and forces equal to minus the
@@ -348,9 +360,6 @@ class Particles(Body):
     def __init__(self, mass: Any):
         self.mass = masses.checked(as_floats("mass", mass))
 
-    def inertia(self) -> "Particles":
-        return self
-
     def is_possible(self) -> Array:
         """A matrix that is not positive definite has no Cholesky factor."""
         return masses.all_positive(jnp.diag(self.mass) if masses.is_matrix(self.mass) else self.mass)
@@ -375,16 +384,6 @@ class Particles(Body):
         if masses.is_matrix(self.mass):
             return self.mass @ (self.mass.T @ velocity)
         return self.mass * velocity
-
-    def commutator(self, force: Array) -> Array:
-        """Zero: the axes of the components of a force do not rotate, unlike the axes of a rigid body."""
-        return jnp.zeros_like(force)
-
-    def square_of_turn(self, h: Array | float, momentum: Array) -> Array:
-        return h * jnp.zeros((), momentum.dtype)
-
-    def nutation(self, momentum: Array) -> Array:
-        return jnp.zeros((), momentum.dtype)
 
 
 def principal_of(body: Any) -> Any:

@@ -18,7 +18,6 @@ from .torques import Torque, terms_of
 
 
 def check_state(name: str, state: Any) -> None:
-    """Raises unless the argument is a state whose arrays have the same leading axes."""
     if not isinstance(state, State):
         raise ValueError(f"{name} must be a state such as midlie_jax.RigidState, got {described(state)}.")
     for field in fields(state):
@@ -29,7 +28,6 @@ def check_state(name: str, state: Any) -> None:
 
 
 def check_body(body: Any, state: AnyState) -> None:
-    """Raises unless the body is of the kind to which the state belongs."""
     if not state.belongs_to(principal_of(body)):
         kind, rotation = state.body.__name__, getattr(state, "rotation", None)
         if rotation is not None and isinstance(body, FreeBody):
@@ -46,10 +44,7 @@ def check_body(body: Any, state: AnyState) -> None:
 
 
 def check_custom(name: str, body: Any, state: AnyState) -> None:
-    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses.
-
-    The kinds of this package are not checked, because their constructors check them.
-    """
+    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses."""
     package = __name__.split(".")[0]
     own = all(type(x).__module__.split(".")[0] == package for x in (body, state))
     if own or state.own_axes != 1 or state.several:
@@ -92,12 +87,10 @@ def order_cure(body: Any) -> str:
 
 
 def body_named(body: Any) -> str:
-    """Class of a body for messages, with the class of the rotating part if it translates."""
     return f"FreeBody of a {type(body.body).__name__}" if isinstance(body, FreeBody) else described(body)
 
 
 def check_torque(torque: Any) -> None:
-    """Raises unless the torque, or each term of a sum, is None or callable with a time and a state."""
     if torque is not None and not callable(torque):
         cure = " Pass a heat bath as bath=." if isinstance(torque, HeatBath) else ""
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.{cure}")
@@ -116,10 +109,7 @@ def check_torque(torque: Any) -> None:
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
-    """Raises unless the state has `batch` leading axes, and the body at most as many.
-
-    Particles have positions of any shape; the mass must belong to these positions in exactly one way.
-    """
+    """Raises unless the state has `batch` leading axes, and the body at most as many."""
     if not state.own_axes:
         body.check_shape(name, state.momentum.shape, batch)
         return
@@ -154,6 +144,4 @@ def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
     shape = body.batch
     if shape and (shape[-1] != count or len(shape) > 1 + batch):
         wanted = f"() or ({count},)" + (f" or (n, {count})" if batch else "")
-        raise ValueError(
-            f"body holds {shape} bodies, but {name} holds N = {count} bodies; give a body with leading axes {wanted}."
-        )
+        raise ValueError(f"body holds {shape} bodies, but {name} holds N = {count}; give leading axes {wanted}.")

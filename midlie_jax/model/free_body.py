@@ -34,8 +34,6 @@ class Place(NamedTuple):
 
 
 class FreeInertia(NamedTuple):
-    """Constants of a run: the constants of the rotation, and 1 / mass."""
-
     rotation: Any
     per_mass: Array
 
@@ -43,7 +41,6 @@ class FreeInertia(NamedTuple):
         return Momenta(self.rotation.velocity(momentum.angular), cp.scale(self.per_mass, momentum.linear))
 
     def commutator(self, force: Momenta) -> Momenta:
-        """Zero for the force, whose axes do not rotate."""
         return Momenta(self.rotation.commutator(force.angular), cp.scale(0, force.linear))
 
     def square_of_turn(self, h: Any, momentum: Momenta) -> Array:
@@ -138,9 +135,7 @@ class FreeBody(Body):
         """
         parts = [tuple(part) for part in parts]
         if not parts or not {len(part) for part in parts} <= {3, 4}:
-            raise ValueError(
-                "parts must be one or more tuples (body, mass, position) or (body, mass, position, attitude)."
-            )
+            raise ValueError("parts must be one or more (body, mass, position) or (body, mass, position, attitude).")
         tensors, masses, places = zip(*(_part(f"parts[{i}]", *part) for i, part in enumerate(parts)), strict=True)
         mass, place = jnp.stack(masses), jnp.stack(places)
         total = jnp.sum(mass)

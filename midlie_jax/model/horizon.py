@@ -32,8 +32,7 @@ class Horizon(NamedTuple):
     Attributes:
         across: the direction of azimuth zero, a unit vector in the facet, (n, 3).
         sharpness: one over the width in elevation in which a facet passes from dark to light, (n,).
-        top, bottom: elevations of what is hidden, at azimuths 0, 4/K, ... 4, (n, K + 1). `bottom` is None where hardly
-            anything hangs over a facet.
+        top, bottom: elevations of what is hidden, at azimuths 0, 4/K, ... 4, (n, K + 1); None where nothing hangs over.
     """
 
     across: Array
@@ -120,11 +119,9 @@ def _azimuth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def open_sky(row: Any, direction: cp.Vector, normal: cp.Vector) -> Array:
-    """The fraction of a facet that sees a direction above its plane.
+    """The fraction of a facet that sees a direction of any length above its plane, in the body frame.
 
-    Args:
-        row: of the columns and the tables of the horizon: across, sharpness, top, and bottom unless it is None.
-        direction, normal: body frame; the normal is a unit vector, the direction may have any length.
+    `row` has the columns and the tables of the horizon: across, sharpness, top, and bottom unless it is None.
     """
     across, sharpness, *tables = row[0:3], *row[3:]
     x, y, z = cp.dot(across, direction), cp.dot(cp.cross(normal, across), direction), cp.dot(normal, direction)

@@ -28,8 +28,6 @@ class Kind:
     With two leaves, momenta, velocities and forces are a `Momenta`, poses and increments a `Place`.
 
     Attributes:
-        of: the class of the states.
-        leaves: their leaves.
         several: whether momentum and pose hold coupled bodies.
         apart: whether a torque is evaluated on arrays and compiled separately from the step.
         constant_steps: for states that only drivers with constant steps move, what they hold, such as "spins".
@@ -56,7 +54,6 @@ class Kind:
 
     @property
     def rotation(self) -> "Kind | None":
-        """The rotation of a body that also translates; otherwise None."""
         return Kind(self.of, self.leaves[:1]) if len(self.leaves) > 1 else None
 
     @property
@@ -69,13 +66,11 @@ class Kind:
         return self
 
     def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:
-        """The constants of the body, and the quaternion of its frame, in the form of the momentum."""
         return inertia, frame
 
     # Shapes
 
     def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
-        """Raises a ValueError unless the arrays of a state, with these shapes, have the same batch axes."""
         same_batch(shapes, self.of.own_axes)
 
     def batch_of(self, body: Any) -> tuple[int, ...]:
@@ -85,25 +80,20 @@ class Kind:
     # Components and arrays
 
     def parts(self, state: Any) -> tuple[Any, Any]:
-        """(momentum, pose) of a state."""
         pairs = [(leaf.components(momentum), leaf.pose(*pose)) for leaf, (momentum, *pose) in self._arrays(state)]
         return pairs[0] if len(pairs) == 1 else both(*pairs)
 
     def join(self, momentum: Any, pose: Any) -> Any:
-        """The inverse of `parts`."""
         return self.of(*self.packed(momentum, pose))
 
     def packed(self, momentum: Any, pose: Any) -> list[Array]:
-        """The arrays of the state with this momentum and pose."""
         pairs = [(momentum, pose)] if len(self.leaves) == 1 else zip(momentum, pose, strict=True)
         return [x for leaf, pair in zip(self.leaves, pairs, strict=True) for x in leaf.packed(*pair)]
 
     def components(self, arrays: Any) -> Any:
-        """A momentum, force or pose in the form that steps use."""
         return self.leaves[0].components(arrays)
 
     def of_arrays(self, momentum: Any, pose: Any) -> Any:
-        """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
         return self.join(*self.components((momentum, pose)))
 
     def normalised(self, state: Any) -> Any:
@@ -124,10 +114,8 @@ class Kind:
     # Torques
 
     def evaluate(self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        """The value `function(t, state)` of a function written on states with arrays, evaluated on components.
-
-        Returns:
-            The value, with a tuple of entries in place of each array; and the shape and dtype of each array.
+        """The value `function(t, state)` of a function written on states with arrays, evaluated on components: a tuple
+        of entries in place of each array; and the shape and dtype of each array.
         """
         entries = cp.wrapped((momentum, pose), Packed)
         return by_components(lambda t, momentum, pose: function(t, self.of_arrays(momentum, pose)), t, *entries)

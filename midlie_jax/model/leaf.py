@@ -1,9 +1,6 @@
 """`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components.
 
-A state is a product of one or two leaves. The library has an attitude (`Rotation`), a space direction in the body frame
-(`Direction`), an axis in space (`Axis`), a momentum alone (`NoPose`), the translation of the centre of mass
-(`Translation`), positions of any shape (`Positions`) and spins. `kind.py` combines leaves into states of one body, of
-coupled bodies side by side, and of coupled bodies unrolled into scalars.
+A state is a product of one or two leaves; `kind.py` combines them.
 """
 
 from typing import Any, ClassVar
@@ -115,12 +112,7 @@ class Leaf:
 
     @classmethod
     def bathed(cls, exposure: Any, root: Any, momentum: Any, pose: Any, noise: Any) -> Any:
-        """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
-
-        Args:
-            exposure, root: from `PreparedBath` (`model/exposure.py`).
-            momentum, pose, noise: components.
-        """
+        """The change of the momentum in a stage of a heat bath (`model/exposure.py`), with normal numbers `noise`."""
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     @classmethod
@@ -213,8 +205,7 @@ class BodyLeaf(Leaf):
     def rates(cls, inertia: Any, h: Array, momentum: cp.Vector, pose: Any, force: cp.Vector | None) -> tuple[Any, Any]:
         """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
-        A Runge-Kutta method spends nearly all its time here. The products of h with the inverse moments and their gaps
-        are therefore computed once per step.
+        The products of h with the inverse moments and their gaps are computed once per step.
         """
         change = inertia.gyroscopic(h, momentum)
         if force is not None:
@@ -227,8 +218,6 @@ class BodyLeaf(Leaf):
 
 
 class NoPose(Leaf):
-    """A momentum without a pose."""
-
     arrays: ClassVar[int] = 1
     freedom: ClassVar[int] = 3
     has_pose: ClassVar[bool] = False
@@ -264,7 +253,6 @@ class Flat(Leaf):
 
 
 def needs_attitude(state: Any) -> ValueError:
-    """The error for a state without an attitude."""
     return ValueError(f"this needs the attitude, which {type(state).__name__} does not have; use a RigidState.")
 
 

@@ -17,27 +17,18 @@ def is_positive(numbers: np.ndarray) -> Any:
 
 
 def all_positive(numbers: Array) -> Array:
-    """Whether all numbers, which may be traced, are finite and positive, ()."""
     numbers = jax.lax.stop_gradient(numbers)
     return jnp.all(jnp.isfinite(numbers) & (numbers > 0))
 
 
 def is_matrix(mass: Array) -> bool:
-    """Whether the mass is a square matrix, such as (1, 1)."""
     return mass.ndim == 2 and mass.shape[0] == mass.shape[1]
 
 
 def checked(mass: Array) -> Array:
-    """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged.
-
-    Raises:
-        ValueError: the shape is none of the forms, or the mass is not positive, or not symmetric positive definite.
-    """
+    """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged."""
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
-        raise ValueError(
-            f"mass must be a scalar, (n,), (n, 1), (1, n) or a matrix (n, n), got {mass.shape}. Map over a batch "
-            "with jax.vmap, or flatten positions."
-        )
+        raise ValueError(f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; use jax.vmap.")
     if not is_matrix(mass):
         require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
         return mass
@@ -50,16 +41,7 @@ def checked(mass: Array) -> Array:
 
 
 def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
-    """Raises unless the mass belongs to positions, momenta or velocities of this shape in one way only.
-
-    Args:
-        mass: as stored by `Particles`.
-        name: of the argument with this shape, for the message.
-        shape: of one state, without the axes of a batch.
-
-    Raises:
-        ValueError: the shapes do not fit, or (n,) masses could belong to n rows or to n columns.
-    """
+    """Raises unless the mass, as stored by `Particles`, belongs to one array of this shape and name in one way only."""
     form, values = mass.shape, f"{name} of shape {shape}"
     if is_matrix(mass):
         if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
@@ -91,8 +73,7 @@ _MOST = 1e-3  # the largest violation relative to the sum of the moments, for an
 def made_flat(moments: Array, tolerance: float) -> Array:
     """Moments (..., 3), with the largest lowered to the sum of the other two if rounding explains the excess.
 
-    The numbers must be concrete; their common last digit bounds the rounding of each. Violations up to the tolerance,
-    relative to the sum of the moments, change nothing.
+    The last digit that all have bounds the rounding of each. Violations up to the tolerance change nothing.
     """
     if is_traced(moments):
         return moments

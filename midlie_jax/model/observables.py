@@ -52,20 +52,8 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 def energy(
     body: Body, torque: TorqueLike | None, motion: Any, t: float | Array | None = None
 ) -> Float[Array, "*batch"]:
-    """Kinetic plus potential energy of one body; `midlie_jax.observe.energy` maps it over several.
-
-    Args:
-        body: one body for all states.
-        torque: as for `integrate`: None, or a torque that has a potential.
-        motion: a state, which may have leading batch axes (except for particles); or a path, which contains its times.
-        t: the time of the states, required if the potential depends on time; its shape broadcasts to the batch.
-
-    Returns:
-        The energy (...), with the batch shape of the state or of the path's states.
-
-    Raises:
-        ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
-            path; the body is a batch of bodies, or does not match the state.
+    """Kinetic plus potential energy of one body, whose states may have leading axes; `midlie_jax.observe.energy` maps
+    it over several.
     """
     if isinstance(motion, State):
         state, path_shape = motion, ()
@@ -74,9 +62,7 @@ def energy(
             raise ValueError("a path has its own times; do not pass t.")
         state, t, path_shape = motion.states, motion.times, motion.times.shape
         if not state.own_axes and len(path_shape) != motion.ok.ndim + 1:
-            raise ValueError(
-                f"for an ensemble of {type(state).__name__} map energy over its states by jax.vmap and pass t."
-            )
+            raise ValueError(f"for an ensemble of {type(state).__name__} map energy over states and t by jax.vmap.")
     else:
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
     check_body(body, state)
@@ -84,7 +70,8 @@ def energy(
     if state.kind.batch_of(body):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
-    batch = _batch_shape(state, path_shape)
+    # A particle state can have any shape, so the times of its path determine the number of leading axes.
+    batch = state.batch if state.own_axes else state.momentum.shape[: len(path_shape)]
     if torque is None:
         potential = None
     else:
@@ -99,18 +86,9 @@ def energy(
         kinetic = kinetic_energy(body, state)
         return kinetic if potential is None else kinetic + potential(t, state)
 
-    function = energy_of_state
     for _ in batch:
-        function = jax.vmap(function)
-    return function(state, times)
-
-
-def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The sizes of the leading axes of a state.
-
-    A particle state can have any shape, so the times of its path determine the number of leading axes.
-    """
-    return state.batch if state.own_axes else state.momentum.shape[: len(path_shape)]
+        energy_of_state = jax.vmap(energy_of_state)
+    return energy_of_state(state, times)
 
 
 def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
@@ -129,9 +107,7 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
         Array([ 2.,  0., 50.], dtype=float64)
     """
     if isinstance(principal_of(body).turning, SymmetricRotor):
-        raise ValueError(
-            "the angular velocity of a SymmetricRotor is undefined, because its spin is unknown; use body.velocity."
-        )
+        raise ValueError("the angular velocity of a SymmetricRotor is undefined, as is its spin; use body.velocity.")
     velocity = _velocity(body, state)
     return velocity.angular if isinstance(velocity, Momenta) else velocity
 

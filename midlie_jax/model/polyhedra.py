@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import described, in_wider, require
+from .._checks.arguments import in_wider, require
 from .._math.powers import unit
 
 _NAMED = 3  # the most edges or faces that a message names
@@ -33,7 +33,6 @@ class Solid(NamedTuple):
 
     @property
     def per_mass(self) -> Array:
-        """The inertia tensor about the centre of mass divided by the mass, (3, 3)."""
         return jnp.trace(self.spread) * jnp.eye(3, dtype=self.spread.dtype) - self.spread
 
     def times(self, length: Array) -> "Solid":
@@ -57,10 +56,8 @@ def _outer(v: Array) -> Array:
 
 
 def solid_of(corners: Array) -> Solid:
-    """The interior of triangles (n, 3 corners, 3) that are counterclockwise from outside.
-
-    It sums over the tetrahedra from one interior point to each triangle, with signed volumes, so there is little
-    cancellation.
+    """The interior of triangles (n, 3 corners, 3) that are counterclockwise from outside: tetrahedra from one interior
+    point.
     """
     inside = jnp.mean(corners, axis=(0, 1))
     x = corners - inside[None, None, :]
@@ -77,20 +74,14 @@ def solid_of(corners: Array) -> Solid:
 
 
 def as_faces(value: Any, vertices: int) -> np.ndarray:
-    """The faces as integers (n, 3), checked to be closed and consistently oriented.
-
-    Raises:
-        ValueError: they are traced, not integers (n, 3), name no vertex, or are not closed or not consistently
-            oriented.
-    """
+    """The faces as integers (n, 3), checked to be closed and consistently oriented."""
     try:
         faces = np.asarray(value)
     except jax.errors.TracerArrayConversionError as error:
         raise ValueError("faces must be concrete integers; only vertices may be traced by jit or grad.") from error
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
         raise ValueError(
-            f"faces must be integers (n, 3), three vertices each, got {described(value)} of "
-            f"{faces.dtype}; divide larger faces into triangles."
+            f"faces must be integers (n, 3), got {faces.dtype} {faces.shape}; divide larger faces into triangles."
         )
     if faces.min() < 0 or faces.max() >= vertices:
         raise ValueError(
@@ -127,8 +118,7 @@ def _named(items: list[Any]) -> str:
 def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
     """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`.
 
-    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere. The directions point
-    to their centres, and the solid angles add up to 4 pi. For each direction the opposite one is included.
+    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere.
     """
     k = 1
     while 20 * k * k < least:
@@ -161,7 +151,6 @@ _TABLES = {".txt", ".tab", ".tbl", ".dat", ".plt", ".ver", ".shape", ".asc", ".m
 
 
 def read_mesh(path: str | PathLike[str], repair: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and faces (n, 3) from 0."""
     table = _table(path) if Path(path).suffix.lower() in _TABLES else None
     if table is not None and not repair:
         return table
@@ -190,10 +179,7 @@ def _table(path: str | PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     try:
         vertices, faces = _lettered(lines) if lines and lines[0][0] in "vf" else _counted(lines)
     except (ValueError, IndexError) as error:
-        raise ValueError(
-            f"{path} is no table of a surface: the numbers of vertices and faces, then their rows; give an OBJ, STL or "
-            "PLY file."
-        ) from error
+        raise ValueError(f"{path} is no table of vertices and faces; give an OBJ, STL or PLY file.") from error
     return vertices, faces.astype(int) - min(1, int(faces.min()))  # each vertex belongs to a face: the least is 0 or 1
 
 

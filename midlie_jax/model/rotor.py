@@ -26,7 +26,6 @@ class RotorInertia(NamedTuple):
         return cp.scale(self.inverse, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """Zero: the axes of the space frame do not rotate."""
         return cp.scale(0, force)
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
@@ -34,7 +33,6 @@ class RotorInertia(NamedTuple):
         return cp.dot(turn, turn)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """|pi| / I1, the rate at which the axis precesses about the momentum."""
         return cp.norm(self.velocity(momentum))
 
 
@@ -92,9 +90,7 @@ class SymmetricRotor(Body):
     @property
     def known_along(self) -> Float[Array, "*batch"]:
         if self.along is None:
-            raise ValueError(
-                "this torque needs the moment about the axis of symmetry; write SymmetricRotor(moment, along)."
-            )
+            raise ValueError("this torque needs the moment about the axis; write SymmetricRotor(moment, along).")
         return self.along
 
     @property

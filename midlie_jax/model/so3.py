@@ -32,7 +32,6 @@ def _even(series: tuple[float, ...], x: Array, closed_form: Callable[[Array], Ar
 
 
 def _series(shift: int) -> tuple[float, ...]:
-    """The coefficients of the sum over n of (-x)^n / (2n + shift)!"""
     return tuple((-1) ** n / factorial(2 * n + shift) for n in range(_SERIES_TERMS))
 
 

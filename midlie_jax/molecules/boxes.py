@@ -55,9 +55,7 @@ class Pressure(Observable):
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         if not isinstance(torque, PairForces) or not isinstance(body, FreeBody):
-            raise ValueError(
-                f"torque must be PairForces alone for the pressure, got {shown(torque)}. Sum the virials yourself."
-            )
+            raise ValueError(f"torque must be PairForces alone for the pressure, got {shown(torque)}.")
         x, y, z = torque.box
         linear: Array = jnp.asarray(state.linear)  # pyright: ignore[reportAttributeAccessIssue]
         mass = body.mass[:, None] if body.mass.ndim else body.mass
@@ -172,7 +170,6 @@ class _Then(NamedTuple):
 def _advance_by(
     method: Method, body: Any, torque: Any, bath: Any, like: Any, dt: Array, t0: Array, carry: Any, steps: Any
 ) -> _Then:
-    """The run after some steps, or before the first; from the initial state if there is no carry."""
     one = stepper(method, body, torque, like, dt=dt, t0=t0, bath=bath)
     carry = one.init() if carry is None else carry
     carry = carry if steps is None else one.advance(carry, steps)
@@ -209,7 +206,6 @@ class _Lists:
         self._age, self.left = 0, max(1, left)
 
     def follow(self, state: Any, number: int) -> None:
-        """Renews the list after some steps if it will not hold for another."""
         self._age += number
         moved = max(float(_moved(forces, state)) for forces in _pair_forces(self.torque))
         life = int(min(_LONGEST, _SAFETY * self._skin / 2 * self._age / max(moved, 1e-300)))

@@ -81,15 +81,10 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     size = as_count("atoms", atoms)
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
-        raise ValueError(
-            f"{file} must have a multiple of {size} atoms, got {len(found)}. Give the number of atoms per molecule."
-        )
+        raise ValueError(f"{file} must have a multiple of {size} atoms, got {len(found)}. Correct atoms=.")
     if _elements_unknown(found, options):
         if masses is None:
-            raise ValueError(
-                f"{file} must have a section Masses, got type numbers that ase reads as elements "
-                f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
-            )
+            raise ValueError(f"{file} must have a section Masses, got type numbers. Pass masses, or Z_of_type.")
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
@@ -105,7 +100,6 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
 
 
 def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
-    """Whether ase found neither masses nor elements, as in LAMMPS data without a section Masses."""
     typed = "type" in atoms.arrays and np.array_equal(atoms.arrays["type"], atoms.numbers)
     return typed and not atoms.has("masses") and options.get("Z_of_type") is None
 
@@ -125,7 +119,6 @@ def _box(atoms: Any) -> np.ndarray:
 
 
 def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Vectors between nearest images."""
     edges = np.where(box > 0, box, 1)
     return way - np.where(box > 0, edges * np.round(way / edges), 0)
 
@@ -149,9 +142,7 @@ def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocitie
     frames = np.einsum("nij,nj,njk->nik", u, signs, v)
     missed = np.abs(np.einsum("nij,aj->nai", frames, points) - arms).max()
     if missed > _RIGID:
-        raise ValueError(
-            f"the molecules differ in shape by {missed:.3g} nm, but must be rigid; give a file of rigid molecules."
-        )
+        raise ValueError(f"the molecules must be rigid and equal, but differ in shape by {missed:.3g} nm.")
     spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
     if linear:
         axis = frames[:, :, 2]

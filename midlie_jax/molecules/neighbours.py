@@ -93,9 +93,8 @@ class Neighbours(eqx.Module):
 def _keys(whole: Array, edges: Array) -> Array:
     """For molecules i and j the level of the least distance of two sites and j in one number, (N, N), if in reach.
 
-    Args:
-        whole: the sites in units of the box as whole numbers, whose differences wrap around as the box does.
-        edges: of the box, in units of the reach.
+    The sites are whole numbers in units of the box, whose differences wrap around as the box does; `edges` are in
+    reaches.
     """
     number, sites, _ = whole.shape
     least = jnp.full((number, number), jnp.inf, jnp.float32)

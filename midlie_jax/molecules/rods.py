@@ -148,21 +148,14 @@ def _before(load: Array) -> Array:
 
 
 def _after(load: Array) -> Array:
-    """The load on the body behind each link, likewise."""
     return jnp.concatenate([jnp.zeros_like(load, shape=(1, 3)), load])
 
 
 class _Links:
     """The links of a rod: components of arrays (links,).
 
-    Attributes:
-        length: D.
-        middle: Rm.
-        half: h.
-        way: Rm^T (x' - x) / D.
-        strain, curvature: as defined above, minus the values at rest.
-        u: the axis of the rotation between two bodies, times the sine s of half its angle.
-        excess: (c - 1)/s^2.
+    `length` is D, `middle` Rm, `half` h, `way` Rm^T (x' - x) / D; strain and curvature are minus the values at rest.
+    `u` is the axis of the rotation between two bodies, times the sine s of half its angle; `excess` is (c - 1)/s^2.
     """
 
     def __init__(self, rod: Rod, places: Array, attitudes: Array):

@@ -158,7 +158,6 @@ class ReactionWheels(ReadsVelocity):
 
 
 def _in_frame(of_body: Array, state: AnyState) -> cp.Vector:
-    """A body vector in the frame of the torque; NaN if the state holds one axis and the vector is not along it."""
     return state.in_one_frame(cp.vector(of_body))[0] if knows_axis_alone(state) else cp.vector(of_body)
 
 

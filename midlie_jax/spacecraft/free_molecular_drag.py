@@ -31,10 +31,9 @@ class FreeMolecularDrag(InAir):
         m = c exp(-x^2) / sqrt(pi) + w Z,   Z = 1 + erf(x),   v_r^2 = (1 - a) v^2 / 2 + a v_w^2
 
     (L. H. Sentman, LMSC-448514 (1961); so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section
-    3.3; accommodation: K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793). Other programs attribute the factor 1/2 of
-    v^2 in v_r^2 to G. Koppenwallner, HTG-TN-08-11 (2009). Some, such as ADBSat, take 2/3, after K. Moe, M. M. Moe, C.
-    J. Rice, J. Spacecr. Rockets 41 (2004) 849. For a cold gas (c = 0) m is 2 w on the facets that move forward and zero
-    on the others. The rotation of the body adds no velocity. Facets shield each other after `surface.with_shadows()`;
+    3.3; accommodation: K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793). Some programs, such as ADBSat, take 2/3 in
+    place of the factor 1/2 of v^2 in v_r^2. For a cold gas (c = 0) m is 2 w on the facets that move forward and zero on
+    the others. The rotation of the body adds no velocity. Facets shield each other after `surface.with_shadows()`;
     without, a surface that is not convex gives a warning. A facet of which the fraction k is open towards v has the
     factor k in m of a cold gas, and Z = erfc|x| + k (erf|x| + erf(x)) in a warm one. Molecules that leave one facet do
     not meet another.

@@ -64,13 +64,11 @@ class GravityGradient(ReadsBody):
         return self
 
     def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
-        """3 mu/r^3, and the unit vector u in body components."""
         position = cp.vector(vector_at("orbit", self.orbit, t))
         square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
-        return 3 * self.mu * inverse * inverse * inverse, require_all_directions(state).seen_from_body(
-            cp.scale(inverse, position)
-        )
+        u = require_all_directions(state).seen_from_body(cp.scale(inverse, position))
+        return 3 * self.mu * inverse * inverse * inverse, u
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         strength, u = self._local(t, state)

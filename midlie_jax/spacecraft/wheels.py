@@ -76,9 +76,7 @@ class DrivenWheels(eqx.Module):
             raise ValueError("friction and inertia must be given together: friction acts on the spin of a wheel.")
         if self.inertia is not None:
             for name in ("inertia", "friction"):
-                require(
-                    name, getattr(self, name), lambda x: x > 0, "must be positive", "leave out both for no friction."
-                )
+                require(name, getattr(self, name), lambda x: x > 0, "must be positive", "or leave out both.")
 
     def advance(
         self,
@@ -163,7 +161,6 @@ class DrivenWheels(eqx.Module):
 
 
 def _turned(state: AnyState, momentum: Array, turn: Array) -> Any:
-    """The state rotated in space with its momentum fixed in space."""
     if state.several:
         raise ValueError(f"wheels need a state of one body, got a {type(state).__name__}.")
     arrays = so3.rotate(so3.conjugate(turn), momentum), so3.multiply(attitude_of(state), turn)

@@ -1,6 +1,6 @@
 """`Spins`: classical spins, unit vectors that precess in the field on each of them."""
 
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_finite, as_not_negative, described
 from .._math import components as cp
-from ..model.bodies import Body
+from ..model.bodies import Unturned
 
 
-class Spins(Body):
+class Spins(Unturned):
     """Classical spins on a lattice: unit vectors S under the Landau-Lifshitz-Gilbert equation.
 
         S' = g B x S + g alpha S x (B x S),    B = -dH/dS,    g = gyromagnetic / (1 + alpha^2)
@@ -67,29 +67,14 @@ class Spins(Body):
 
     def check_shape(self, name: str, shape: tuple[int, ...], batch: int) -> None:
         if len(shape) <= batch:
-            raise ValueError(
-                f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
-            )
+            raise ValueError(f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use integrate.")
         lattice = shape[batch:-1]
         require_lattice("damping", self.damping, lattice)
         require_lattice("gyromagnetic", self.gyromagnetic, lattice)
 
-    def inertia(self) -> "Spins":
-        return self
-
     def velocity(self, momentum: Any) -> Any:
         """Zero: spins have no kinetic energy and rotate only in a field."""
-        return cast(Any, cp.scale(0, momentum)) if isinstance(momentum, tuple) else jnp.zeros_like(momentum)
-
-    def commutator(self, force: cp.Vector) -> cp.Vector:
-        return cp.scale(0, force)
-
-    def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """Zero: the rotation of a spin in a step depends on the field alone."""
-        return h * jnp.zeros((), momentum[0].dtype)
-
-    def nutation(self, momentum: cp.Vector) -> Array:
-        return jnp.zeros((), momentum[0].dtype)
+        return self.commutator(momentum)
 
     def change(self, h: Any, spin: cp.Vector, field: cp.Vector) -> cp.Vector:
         """h S' of spins in this field."""
@@ -100,10 +85,8 @@ class Spins(Body):
 
 
 def require_lattice(name: str, value: Array | None, lattice: tuple[int, ...], own: tuple[int, ...] = ()) -> None:
-    """Raises unless a value is one for all spins of a lattice or one for each; axes of length 1 are repeated.
-
-    Args:
-        own: the trailing axes of the value that belong to one spin.
+    """Raises unless a value is one for all spins of a lattice or one for each; `own` are its axes that belong to one
+    spin.
     """
     if value is None:
         return

@@ -31,8 +31,6 @@ _MOST_AXES = 4  # for which the bits of an entry fit one byte
 
 @dataclass(frozen=True)
 class CheckeredSpins(OnLattice):
-    """Spins in a run; `parts` are both rows."""
-
     lattice: tuple[int, ...]
 
     def parts(self, state: Any) -> tuple[Any, tuple[()]]:
@@ -83,10 +81,8 @@ def _parity(lattice: tuple[int, ...]) -> Array:
 class Checkered(eqx.Module):
     """The neighbour tables of a row, computed once in a run.
 
-    Attributes:
-        lattice: the shape of the lattice.
-        bits: for each entry of a row, uint8. Bit 0: whether the indices of its site along all axes but the last have an
-            odd sum; bits 2 a - 1 and 2 a: whether it is the first and the last along axis a > 0.
+    `bits` has for each entry of a row, uint8, in bit 0 whether the indices of its site along all axes but the last have
+    an odd sum; in bits 2 a - 1 and 2 a whether it is the first and the last along axis a > 0.
     """
 
     lattice: tuple[int, ...] = eqx.field(static=True)
@@ -106,10 +102,8 @@ class Checkered(eqx.Module):
         return (jnp.asarray(self.bits) & np.uint8(1 << bit)) != 0
 
     def near(self, closes: tuple[bool, ...], number: int, other: cp.Vector, t: Array) -> Near:
-        """For the sites of row `number`, their neighbours in the other row, in the form for `NeighbourField.field_of`.
-
-        Args:
-            closes: for each axis whether the lattice is periodic along it.
+        """The function that gives the sites of row `number` their neighbours in the other row; `closes` for each
+        periodic axis.
         """
         row = _row(self.lattice)
         plane = prod(row[1:])

@@ -68,7 +68,6 @@ class SpinField(Torque):
 
 
 def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
-    """The shape of the lattice; a ValueError for a state without spins."""
     if not hasattr(state, "spin"):
         raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
     return state.spin.shape[:-1]

@@ -68,8 +68,6 @@ def as_periodic(periodic: Any) -> bool | tuple[bool, ...]:
 
 
 def shifted(spin: cp.Vector, axis: int, step: int, periodic: bool) -> cp.Vector:
-    """Components shifted by one site along an axis, so that each site has those of its neighbour."""
-
     def one(x: Array) -> Array:
         size = x.shape[axis]
         if step > 0:

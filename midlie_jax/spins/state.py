@@ -18,8 +18,6 @@ from .body import Spins
 
 
 class Spin(Flat, NoPose):
-    """A spin, which a run integrates like the momentum of a body without a pose."""
-
     about: ClassVar[tuple[Described, ...]] = (
         ((), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"}),
     )
@@ -36,9 +34,7 @@ class Spin(Flat, NoPose):
 
     @staticmethod
     def to_body(owner: Any, pose: tuple[()], vector: cp.Vector) -> cp.Vector:
-        raise ValueError(
-            "a SpinState has no body frame for a torque; give a field, such as midlie_jax.spins.AppliedField."
-        )
+        raise ValueError("a SpinState has no body frame for a torque; give a field, as in midlie_jax.spins.")
 
     @staticmethod
     def normalised(*arrays: Array) -> tuple[Array, ...]:
@@ -47,15 +43,11 @@ class Spin(Flat, NoPose):
 
 
 class OnLattice(Kind):
-    """The spins of a lattice in a run."""
-
     constant_steps: ClassVar[str | None] = "spins"
 
     def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
         if 0 in shapes["spin"]:
-            raise ValueError(
-                f"spin must hold at least one spin, got shape {shapes['spin']}; give no axis the length 0."
-            )
+            raise ValueError(f"spin must hold at least one spin, got shape {shapes['spin']}; give no empty axis.")
 
     def batch_of(self, body: Any) -> tuple[int, ...]:
         return ()
@@ -110,13 +102,7 @@ class SpinState(State):
 
     def __init__(self, spin: Any):
         self.spin = as_finite("spin", spin, (3,))
-        require(
-            "spin",
-            self.spin,
-            is_unit,
-            "must be unit vectors",
-            "divide it by its norm, and put its magnitude into the coefficients of the energy.",
-        )
+        require("spin", self.spin, is_unit, "must be unit vectors", "put their magnitude into the energy.")
 
     @property
     def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]

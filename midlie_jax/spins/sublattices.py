@@ -44,11 +44,8 @@ class OnSublattices(eqx.Module):
     """The spins of a run.
 
     Attributes:
-        spins: the body.
         labels: the sublattice of each spin, (*lattice), if spins are selected by it, or None.
-        count: the number of sublattices.
-        own: the fields of spins on themselves.
-        terms: the other fields, if all belong to this package.
+        own, terms: the fields of spins on themselves; the other fields.
         checkered: the neighbour tables, if the two sublattices of a checkerboard are separate arrays.
     """
 
@@ -83,10 +80,7 @@ class Sublattices(Method):
 
     def __init__(self, scheme: Scheme):
         if scheme.gradients:
-            raise ValueError(
-                f"scheme {scheme.name!r} uses gradients of forces, which sublattices do not have; choose "
-                "another, such as SRKN6b or KL6."
-            )
+            raise ValueError(f"scheme {scheme.name!r} uses gradients of forces; choose another, as SRKN6b or KL6.")
         self.scheme = scheme.merged()
         self.name = f"SUBLATTICES[{scheme.name}]"
         self.order = order_of_parts(scheme)
@@ -109,10 +103,7 @@ class Sublattices(Method):
         return system.keeps_torque and reused and system.inertia.checkered is None
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises unless the fields come from other sublattices, or have a known closed form.
-
-        In an ensemble, a custom function is tested if its parameters fit one lattice.
-        """
+        """Raises unless the fields come from other sublattices, or have a known closed form."""
         lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
@@ -230,12 +221,8 @@ class Sublattices(Method):
 
 
 class _Parts(eqx.Module):
-    """The parts of a step, which rotate in turn.
-
-    Attributes:
-        names: for each part the number of its sublattice, or CLOCK, which advances time, or the index in `own`.
-        own: pairs of a field of spins on themselves, and one of its axes.
-        system: of the run.
+    """The parts of a step, which rotate in turn: the number of a sublattice, CLOCK, which advances time, or an index in
+    `own`, pairs of a field of spins on themselves and one of its axes.
     """
 
     names: tuple[Any, ...]
@@ -259,7 +246,6 @@ class _Parts(eqx.Module):
         return self.system.force(t, Motion(spin, ()))
 
     def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
-        """The spins after a part has rotated for a time, and the field on it, given or at the time t."""
         name, on = self.names[number], self.system.inertia
         if isinstance(name, tuple):
             own = partial(_own_turn, on.spins, *self.own[name[1]], time)
@@ -291,7 +277,6 @@ def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vec
 
 
 def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
-    """The number of sublattices: given by the body, or one if no spin acts on another, or two."""
     if body.sublattices is not None:
         if body.sublattices.shape != lattice:
             raise ValueError(f"sublattices must have the shape {lattice} of the lattice, got {body.sublattices.shape}.")
@@ -324,12 +309,9 @@ def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
 
 
 def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int, dtype: str, one: bool) -> None:
-    """Raises if a custom field depends on spins of the sublattice on which it acts.
+    """Raises if, at random spins, a custom field depends on spins of the sublattice on which it acts.
 
-    At random spins, the derivative of the field along changes of one sublattice must vanish on that sublattice.
-
-    Args:
-        one: whether the function belongs to one lattice; otherwise its parameters may have a row for each.
+    `one` is whether the function belongs to one lattice; otherwise its parameters may have a row for each.
     """
     field = on_body(term, body)
     if cp.is_traced(*jax.tree.leaves(field), body.sublattices):

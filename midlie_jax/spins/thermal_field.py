@@ -50,9 +50,7 @@ class ThermalField(Warm):
 
     def check_kind(self, state: AnyState, body: Any) -> None:
         if not isinstance(body, Spins):
-            raise ValueError(
-                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies use Langevin."
-            )
+            raise ValueError(f"ThermalField acts on spins, not on a {type(body).__name__}; use Langevin for bodies.")
         if body.damping is None:
             raise ValueError("ThermalField needs a damping, which sets its strength; use Spins(damping=...).")
 
@@ -70,14 +68,8 @@ def _is_vector(tree: Any) -> bool:
 
 
 class BathOfSpins(NamedTuple):
-    """A `ThermalField`, prepared for the steps of a run.
-
-    Attributes:
-        root: the function of time sqrt(kT).
-        key: two or four words, uint32, of the random key.
-        mobility: g alpha, () or in the shape of the lattice.
-        member: the site of each spin in the lattice, in the form of the components of the spins.
-        step: the index of the step, or None outside a step.
+    """A `ThermalField`, prepared for the steps of a run: sqrt(kT) as a function of time, words of the key, the mobility
+    g alpha, the site of each spin in the form of the components of the spins, and the step.
     """
 
     root: Callable[[Any], Array]

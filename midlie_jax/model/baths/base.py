@@ -29,8 +29,6 @@ from ..state import AnyState
 
 
 class HeatBath(eqx.Module):
-    """Base class of heat baths."""
-
     methods: ClassVar[str]
 
     @property
@@ -46,23 +44,13 @@ class HeatBath(eqx.Module):
         """Raises unless the bath can act on this kind of body; reads no shapes, so the state may have more axes."""
 
     def check_on(self, state: Any, body: Any) -> None:
-        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
         self.check_kind(state, body)
         for key in self.keys:
             if key.shape:
-                raise ValueError(
-                    f"a bath of one run has one key, got {key.shape} of them; several are for midlie_jax.ensemble."
-                )
+                raise ValueError(f"a bath of one run has one key, got {key.shape}; more are for midlie_jax.ensemble.")
 
 
 class Warm(HeatBath):
-    """A bath with a temperature.
-
-    Attributes:
-        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
-        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
-    """
-
     kT: Any
     key: Array
 
@@ -90,8 +78,7 @@ class Warm(HeatBath):
 class BathOfBodies(HeatBath):
     """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`.
 
-    Attributes:
-        numbers: the names of the fields of the rotation and of the translation.
+    `numbers` are the names of the fields of the rotation and of the translation.
     """
 
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
@@ -99,14 +86,7 @@ class BathOfBodies(HeatBath):
 
     @abstractmethod
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
-        """The bath prepared for the steps of a run, a `PreparedBath` or a `PreparedSum`.
-
-        Args:
-            body: the body of the run.
-            coefficients: of the bath stages.
-            t, h: a time of the run and its step, ().
-            start: the initial state.
-        """
+        """The bath prepared for the steps of a run: the coefficients of its stages, a time and its step h."""
 
     def check_kind(self, state: Any, body: Any) -> None:
         name = type(self).__name__
@@ -253,7 +233,6 @@ def shape_of(value: Any, dtype: Any) -> tuple[int, ...]:
 
 
 def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
-    """Raises unless this is the shape of numbers for one body, or for these coupled bodies."""
     count = state.momentum.shape[-2] if state.several else None
     leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
     if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
@@ -262,7 +241,6 @@ def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
 
 
 def check_travel(bath: str, name: str, value: Any, state: Any) -> None:
-    """Raises unless the numbers for the translation are there if, and only if, the body translates."""
     kind = type(state).__name__
     if (state.kind.rotation is None) != (value is None):
         raise ValueError(

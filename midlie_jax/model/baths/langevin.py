@@ -25,15 +25,10 @@ class Langevin(Warm, BathOfBodies):
     these equations exactly. A free body therefore keeps the Maxwell distribution, `<Pi_i^2> = kT I_i` and
     `<p_i^2> = kT m`, at any step that the flight supports. docs/heat.md describes the effect of a torque.
 
-    With a torque, averages have an error of second order in the step: the weak order of a scheme with a bath is 2. In a
-    harmonic well of frequency omega, let s = (h omega)^2/4. BAOAB and ABOBA have the exact variance of the position,
-    and 1 - s and 1/(1 - s) times the exact variance of the momentum. OBABO has the exact variance of the momentum, and
-    1/(1 - s) times the exact variance of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for
-    rotations Davidchack, Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are taken along the
-    path, for fixed noise.
-
-    Averages are accurate at any friction, but dynamics need x = G h/I << 1: a free body diffuses (x/2) coth(x/2) times
-    too fast, by 2 percent at x = 0.5 and 31 percent at x = 2. For translation x = g h/m.
+    With a torque, averages have an error of second order in the step (Leimkuhler and Matthews, Appl. Math. Res. Express
+    2013, 34; for rotations Davidchack, Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Dynamics need x = G
+    h/I << 1, and g h/m << 1: a free body diffuses (x/2) coth(x/2) times too fast, by 2 percent at x = 0.5. Derivatives
+    are taken along the path, for fixed noise.
 
     The random numbers depend only on the key, on the index of the step and of the stage, and for coupled bodies on the
     index of the body. A run in blocks must therefore pass `first_step`; it then has the noise of the uninterrupted run,
@@ -188,7 +183,4 @@ class Recoil(BathOfBodies):
     def check_numbers(self, name: str, shape: tuple[int, ...], state: AnyState, body: Any) -> None:
         known = hasattr(state, "attitude") or isinstance(body.turning, SymmetricRotor)
         if name == "diffusion" and shape and not known:
-            raise ValueError(
-                f"diffusion must be a number for a {type(state).__name__}, which has no attitude, got shape {shape}; "
-                "use a RigidState."
-            )
+            raise ValueError(f"diffusion must be a number for a {type(state).__name__}, got {shape}; use a RigidState.")

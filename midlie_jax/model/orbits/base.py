@@ -73,10 +73,8 @@ class Orbit(Timed):
 
 
 def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str = "pass lambda t: orbit(t)") -> None:
-    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle.
-
-    On a hyperbola it exceeds 2, and far from the mass it is large, so the limits are wide. An orbit at rest is not
-    checked.
+    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle, above 2 on a
+    hyperbola.
     """
     rows = orbit.known() if isinstance(orbit, Orbit) else None
     if rows is None or cp.is_traced(rows, mu):
@@ -92,21 +90,15 @@ def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str 
 
 
 def orbits_in(tree: Any) -> list[Timed]:
-    """All orbits and tables in a torque or a density, at any depth."""
     leaves = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, Timed))
     return [leaf for leaf in leaves if isinstance(leaf, Timed)]
 
 
 class Units(NamedTuple):
-    """Constant units of length and time in which a position has the size 1 to 2 and mu is 1 to 4, without derivatives.
+    """Constant units of length and time in which a position has the size 1 to 2 and mu, times `of_mu`, is 1 to 4.
 
     In float32 and SI units, the square of the Sun's mu is infinite, and XLA forms such products from nested quotients.
-    Multiplication by a power of two is exact, so the units do not change a result.
-
-    Attributes:
-        length, per_length: the unit of length, and its inverse.
-        per_time, per_speed: the inverse units of time and velocity.
-        of_mu: factor of mu.
+    Powers of two do not change a result.
     """
 
     length: Array

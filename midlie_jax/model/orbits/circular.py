@@ -48,9 +48,7 @@ class CircularOrbit(Orbit):
         self.position = as_finite("position", position, (3,))
         direction = as_finite("direction", direction, (3,))
         mu = as_positive("mu", mu)
-        require_rows(
-            "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the position."
-        )
+        require_rows("position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "move it.")
         dtype = jnp.result_type(self.position, mu)
         units = Units.of(cp.vector(self.position.astype(dtype)), mu.astype(dtype))
         place, direction = self.position * units.per_length[..., None], _scaled(direction)
@@ -80,10 +78,7 @@ def _require_across(direction: Array, across: Array) -> None:
         return
     least = 16 * jnp.finfo(across.dtype).eps * jnp.linalg.norm(direction, axis=-1)
     if not bool(jnp.all(jnp.linalg.norm(across, axis=-1) > least)):
-        raise ValueError(
-            f"direction must have a part perpendicular to position, got {shown(direction)}; give the "
-            "direction of motion."
-        )
+        raise ValueError(f"direction must have a part perpendicular to position, got {shown(direction)}; change it.")
 
 
 class DipoleField(eqx.Module):
@@ -91,11 +86,9 @@ class DipoleField(eqx.Module):
 
     `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
 
-    The moment may rotate about z with the planet. A first approximation to the Earth's field has a moment of 7.7e22 A
-    m^2, tilted by 9.4 degrees, towards the south. In an Earth-fixed frame it is (g11, h11, g10) 4 pi a^3 / mu_0 =
-    (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of 2020 (P. Alken and others,
-    International Geomagnetic Reference Field: the thirteenth generation, Earth Planets Space 73 (2021) 49). The Earth
-    rotates at 7.292115e-5 rad/s.
+    The moment may rotate about z with the planet. For the Earth it is (-3.75e21, 1.203e22, -7.605e22) A m^2 in an
+    Earth-fixed frame, 7.7e22 A m^2 to the south with a tilt of 9.4 degrees (P. Alken and others, Earth Planets Space 73
+    (2021) 49), and rotates at 7.292115e-5 rad/s.
 
     Attributes:
         orbit: the position in the space frame, `orbit(t) -> (3,)`, length.

@@ -23,11 +23,9 @@ class KeplerOrbit(Orbit):
 
     It uses Lagrange's f and g functions in universal variables, from the periapsis, with a fixed number of operations
     and no branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 4.5).
-    The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps, so the relative error
-    is a few eps times the sensitivity of the orbit. From the periapsis, where `from_elements` starts, the error is a
-    few eps out to 1e4 times its distance. On an ellipse it is some eps per revolution. The first three derivatives with
-    respect to time, and the derivatives with respect to the inputs, are equally accurate, including on a circle and on
-    a parabola.
+    The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps; on an ellipse by some
+    eps per revolution. The first three derivatives with respect to time, and those with respect to the inputs, are
+    equally accurate, including on a circle and on a parabola.
 
     Attributes:
         position: the position at the epoch, (3,), length.
@@ -62,10 +60,7 @@ class KeplerOrbit(Orbit):
         if not cp.is_traced(self.position, self.velocity):
             areas = np.cross(np.asarray(self.position), np.asarray(self.velocity))
             if not np.all(np.any(areas != 0, axis=-1)):
-                raise ValueError(
-                    "velocity must not be along the position, or zero, because such an orbit falls into the "
-                    "centre; give it a part across the position."
-                )
+                raise ValueError("velocity must not be along the position, or zero; give it a part across it.")
         # A flight past a small asteroid may have the speed of a table in other units.
         check_units(self, self.mu, np.inf, "start nearer to the periapsis")
 
@@ -128,19 +123,15 @@ class KeplerOrbit(Orbit):
 
 @jax.jit
 def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.Vector:
-    """The position at a time since the epoch: about a thousand operations, traced once for all calls.
-
-    It compiles to three loops, for the constants, the root and the position; in a single loop XLA would repeat parts.
-    """
+    """The position at a time since the epoch: a thousand operations, traced once for all calls, in three loops."""
     dtype = jnp.result_type(mu, *position, *velocity)
     position, velocity, mu = jax.tree.map(lambda x: x.astype(dtype), (position, velocity, mu))
     return split(split(_Orbit.of(position, velocity, mu)).at(t))
 
 
 class _Orbit(NamedTuple):
-    """An orbit in units of its periapsis q, starting at a position that is the periapsis up to rounding.
-
-    All but the last three fields are differentiated, including through the units.
+    """An orbit in units of its periapsis q, from a position that is the periapsis up to rounding; all but the last
+    three fields are differentiated, including through the units.
     """
 
     place: Place
@@ -209,7 +200,6 @@ class _Orbit(NamedTuple):
         return cp.add(cp.scale(f, self.position), cp.scale(g, self.velocity))
 
     def _within_a_turn(self, time: Array) -> Array:
-        """The time modulo the period of an ellipse."""
         ellipse = self.alpha > _least(self.alpha)
         alpha = jnp.where(ellipse, self.place.alpha, jnp.ones_like(self.alpha))
         motion = alpha * jnp.sqrt(alpha)
@@ -262,7 +252,6 @@ _PLACES = ("time_of_periapsis", "true_anomaly", "mean_anomaly")
 def of_elements(
     mu: Array, eccentricity: Array, sizes: tuple[Any, ...], angles: tuple[Any, ...], places: tuple[Any, ...], epoch: Any
 ) -> tuple[Array, Array, Array]:
-    """Position and velocity, and their time; the arguments are those of `KeplerOrbit.from_elements`."""
     e = eccentricity
     require(
         "eccentricity", e, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign."
@@ -271,10 +260,8 @@ def of_elements(
     place_name, place = _only_one(_PLACES, places, "where the body is")
     if size_name == "semi_major_axis":
         fits = _pair(lambda a, e: (a * (1 - e) > 0) & (e != 1), e)
-        cure = "give periapsis, which every orbit has."
-        require(
-            size_name, size, fits, "must be positive on an ellipse, negative on a hyperbola; a parabola has none", cure
-        )
+        cure = "a parabola has none: give periapsis."
+        require(size_name, size, fits, "must be positive on an ellipse, negative on a hyperbola", cure)
         q = size * (1 - e)
     else:
         require(size_name, size, lambda x: x > 0, "must be positive", "give a length.")

@@ -1,9 +1,8 @@
 """States of N coupled bodies under one torque function, such as `CoupledState`.
 
-Such a state has the arrays of a one-body state with an additional axis (N,) before the last one. Single-body operations
-are done for all bodies side by side. Only the torque differs: one function of the whole state, evaluated on arrays and
-compiled separately from the step (`_xla/apart.py`). A few bodies under a short function are instead unrolled into
-scalars, in one loop (`members.py`).
+Their arrays have an additional axis (N,) before the last one. Only the torque, a function of the whole state, is
+compiled separately from the step (`_xla/apart.py`). A few bodies under a short function are instead unrolled
+(`members.py`).
 """
 
 from collections.abc import Callable
@@ -29,8 +28,6 @@ from .rigid import RigidState
 
 
 class SideBySide(Kind):
-    """Coupled bodies side by side, as components (N,)."""
-
     several: ClassVar[bool] = True
     apart: ClassVar[bool] = True
 
@@ -51,7 +48,6 @@ class SideBySide(Kind):
         return body.batch[:-1]
 
     def of_run(self, state: Any, torque: Traits | None) -> Kind:
-        """Unrolled into scalars for few bodies and a short function."""
         short = torque is None or (torque.on_scalars and torque.scalars <= budgets.UNROLLED_OPERATIONS)
         return Unrolled(self.of, self.leaves, state.count) if state.count <= budgets.UNROLLED_BODIES and short else self
 
@@ -94,17 +90,9 @@ class Coupled(State):
         """The state of body i alone, such as a `FreeState`; for slice(None), the states of all bodies as a batch."""
         return self.member().unchecked(**{name: getattr(self, name)[..., i, :] for name in self.described()})
 
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        raise _acts_on_one()
-
-    def vertical(self) -> cp.Vector:
-        raise _acts_on_one()
-
-    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
-        raise _acts_on_one()
-
-    def to_space(self, vector: cp.Vector) -> cp.Vector:
-        raise _acts_on_one()
+    @property
+    def _pose(self) -> Any:
+        raise ValueError("this torque acts on one body; for coupled bodies use midlie_jax.torques.OnEach(torque).")
 
     def spatial_momentum(self) -> Array:
         return jnp.sum(super().spatial_momentum(), axis=-2)
@@ -120,10 +108,6 @@ class Coupled(State):
     @classmethod
     def described(cls) -> dict[str, Described]:
         return {name: (("member", *axes), about) for name, (axes, about) in super().described().items()}
-
-
-def _acts_on_one() -> ValueError:
-    return ValueError("this torque acts on one body; for several coupled bodies use midlie_jax.torques.OnEach(torque).")
 
 
 class CoupledState(Coupled, FreeState):

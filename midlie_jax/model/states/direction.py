@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, is_unit, require
 from ..._math import components as cp
 from ..bodies import RigidBody
 from ..kind import Leaves
@@ -16,8 +16,6 @@ from .rigid import BODY_MOMENTUM
 
 
 class UnitVector(Leaf):
-    """A momentum and a unit vector."""
-
     freedom: ClassVar[int] = 5
 
     @staticmethod
@@ -81,8 +79,6 @@ def _across(direction: Array) -> tuple[Array, Array]:
 
 
 class Direction(UnitVector, BodyLeaf):
-    """A momentum in the body frame, and one space direction in the body frame."""
-
     about: ClassVar[tuple[Described, ...]] = (
         (("axis",), BODY_MOMENTUM),
         (("axis",), {"long_name": "space z axis in body components", "units": "1", "frame": "body"}),
@@ -105,7 +101,6 @@ class Direction(UnitVector, BodyLeaf):
 
     @classmethod
     def vertical(cls, owner: Any, pose: cp.Vector) -> cp.Vector:
-        """The space z axis in body components, provided that the direction is the space z axis."""
         return pose
 
 
@@ -132,7 +127,6 @@ class DirectionState(State):
     leaves: ClassVar[Leaves] = (Direction,)
 
     def __init__(self, momentum: Any, direction: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
+        self.momentum = as_finite("momentum", momentum, (3,))
         self.direction = as_floats("direction", direction, (3,))
-        require_finite("momentum", self.momentum)
         require("direction", self.direction, is_unit, "must be a unit vector", "divide it by its norm.")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, is_unit, require
 from ..._math import components as cp
 from .. import so3
 from ..bodies import RigidBody
@@ -23,8 +23,6 @@ BODY_MOMENTUM = {
 
 
 class BodyMomentum(NoPose, BodyLeaf):
-    """A momentum in the body frame alone."""
-
     about: ClassVar[tuple[Described, ...]] = ((("axis",), BODY_MOMENTUM),)
 
 
@@ -46,13 +44,10 @@ class MomentumState(State):
     leaves: ClassVar[Leaves] = (BodyMomentum,)
 
     def __init__(self, momentum: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        require_finite("momentum", self.momentum)
+        self.momentum = as_finite("momentum", momentum, (3,))
 
 
 class Rotation(BodyLeaf):
-    """A momentum in the body frame, and the attitude as a unit quaternion."""
-
     about: ClassVar[tuple[Described, ...]] = (
         (("axis",), BODY_MOMENTUM),
         (
@@ -110,7 +105,6 @@ class Rotation(BodyLeaf):
 
     @staticmethod
     def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
-        """The momentum changed by increment[..., :3], and the attitude rotated by increment[..., 3:]."""
         momentum, attitude, *_ = arrays
         turned = so3.multiply(attitude, so3.exp(increment[..., 3:]))
         return momentum + increment[..., :3], turned
@@ -151,9 +145,8 @@ class RigidState(State):
     leaves: ClassVar[Leaves] = (Rotation,)
 
     def __init__(self, momentum: Any, attitude: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
+        self.momentum = as_finite("momentum", momentum, (3,))
         self.attitude = as_floats("attitude", attitude, (4,))
-        require_finite("momentum", self.momentum)
         require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
 
@@ -179,11 +172,10 @@ _turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `Rotation.act`.
+    """The change of the attitude by `Rotation.act`, rounded only once.
 
-    The product is computed as a change of the attitude and rounded only once. If the product and then its length were
-    rounded, the attitude would rotate slightly, in the same direction at every step. The correction of the length
-    accounts for the lengths of both factors.
+    If the product and then its length were rounded, the attitude would rotate slightly, in the same direction at every
+    step. The correction of the length accounts for the lengths of both factors.
     """
     correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
     w, x, y, z = increment
@@ -192,7 +184,6 @@ def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Arra
 
 
 def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `Rotation.shift`: the given change, and a correction of the length."""
     w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
     k = length_correction(_square((w, x, y, z)), no_step)
     a, b, c, d = change
@@ -204,8 +195,6 @@ def _square(q: cp.Quaternion) -> Array:
 
 
 class CompensatedPose(NamedTuple):
-    """The pose of a `CompensatedState`: the attitude, and the low parts of attitude and momentum."""
-
     attitude: cp.Quaternion
     low_attitude: cp.Quaternion
     low_momentum: cp.Vector
@@ -215,8 +204,6 @@ _LOST = "rounding error of the {}, to be added to it"
 
 
 class Compensated(Rotation):
-    """A rotation that stores the rounding errors of its sums."""
-
     arrays: ClassVar[int] = 4
     compensated: ClassVar[bool] = True
     about: ClassVar[tuple[Described, ...]] = (
@@ -263,8 +250,6 @@ class Compensated(Rotation):
 
 
 class SeenAsRigid(Kind):
-    """A kind whose torque receives a `RigidState`."""
-
     def evaluate(self, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> tuple[Any, Any]:
         return Kind(RigidState, RigidState.leaves).evaluate(function, t, momentum, pose.attitude)
 
@@ -317,8 +302,4 @@ def _changed(pose: CompensatedPose, change: cp.Quaternion) -> CompensatedPose:
 
 
 def _low_part(name: str, value: Any, of: Array) -> Array:
-    if value is None:
-        return jnp.zeros_like(of)
-    low = as_floats(name, value, of.shape[-1:])
-    require_finite(name, low)
-    return low
+    return jnp.zeros_like(of) if value is None else as_finite(name, value, of.shape[-1:])

@@ -1,9 +1,4 @@
-"""The interface of a torque, and sums of torques.
-
-The classes are pytrees of their parameters, so they can be mapped over and differentiated. Most have a potential, which
-`midlie_jax.observe.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles are
-callables of the same kind that return an array with the shape of the momentum.
-"""
+"""The interface of a torque, and sums of torques, as pytrees of their parameters."""
 
 import operator
 from collections.abc import Callable
@@ -103,9 +98,7 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
 
 def no_potential(torque: Torque) -> ValueError:
-    return ValueError(
-        f"{type(torque).__name__} has no potential energy; use midlie_jax.observe.kinetic_energy instead."
-    )
+    return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.observe.kinetic_energy.")
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
@@ -149,10 +142,7 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     """
     if isinstance(torque, Torque):
         return torque.potential
-    raise ValueError(
-        "a plain callable has no potential energy; pass the potential to "
-        "midlie_jax.torques.FromPotential, or use midlie_jax.observe.kinetic_energy."
-    )
+    raise ValueError("a plain callable has no potential energy; write midlie_jax.torques.FromPotential(potential).")
 
 
 class Sum(Torque):

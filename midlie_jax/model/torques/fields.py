@@ -123,7 +123,6 @@ class DipoleInField(Torque):
 
 
 def to_body_components(name: str, vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
-    """The body components of a space vector, given as an array (3,) or as a function of time."""
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector_at(name, vector, t)))
     return state.seen_from_body(cp.vector(vector))

@@ -17,11 +17,9 @@ from .reads_body import ReadsBody
 class Prescribed(Torque):
     """A body-frame torque that is a function of time alone.
 
-    The function must be continuous. A method evaluates it at instants, so a jump within a step silently makes the
-    impulse wrong by about half the jump times the step. A pulse shorter than a step is counted several times, or not at
-    all. `midlie_jax.check` finds such jumps. For pulses use `Pulses`, and for controls that are constant in intervals
-    `Held`; both are exact. Otherwise let a step end at each jump, and return the mean of both sides at that time:
-    methods of second order then keep their order.
+    The function must be continuous: a method evaluates it at instants, so a jump within a step silently makes the
+    impulse wrong. `midlie_jax.check` finds such jumps. For pulses use `Pulses`, and for controls that are constant in
+    intervals `Held`; both are exact.
 
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
@@ -83,10 +81,8 @@ class FromPotential(Torque):
 class VelocityDependent(Torque):
     """A torque that is declared to read the momentum: damping, control, a magnetic field on a moving charge.
 
-    The kicks of the explicit methods then evaluate the torque twice (the explicit midpoint rule in the momentum), so
-    LIEMID[EA] keeps order 2. With such torques methods are neither symplectic nor exactly reversible. A run detects
-    automatically whether a torque reads the momentum. `LieSolver.order` does not trace the torque and relies on this
-    declaration.
+    The kicks of the explicit methods then evaluate the torque twice, so LIEMID[EA] keeps order 2. A run detects
+    automatically whether a torque reads the momentum. `LieSolver.order` does not, and relies on this declaration.
 
     Attributes:
         function: `function(t, state) -> (3,)`, body frame.
@@ -151,9 +147,7 @@ class OnEach(ReadsBody):
 
     def _each(self, function: Any, state: Any, body: Any) -> Any:
         if not state.several:
-            raise ValueError(
-                f"OnEach is for coupled bodies, such as a CoupledState, got a {type(state).__name__}; leave OnEach out."
-            )
+            raise ValueError(f"OnEach is for coupled bodies, got a {type(state).__name__}; leave OnEach out.")
 
         def of_one(state: Any, body: Any) -> Any:
             return function(on_body(self.torque, body), state)

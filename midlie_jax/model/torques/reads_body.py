@@ -19,11 +19,9 @@ class ReadsBody(Torque):
     """Base class of torques that read the body; a run passes the body to `on`."""
 
     def at(self, t: Time, state: Any, body: Any) -> Any:
-        """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
     def potential_at(self, t: Time, state: Any, body: Any) -> Array:
-        """The potential energy () of the given body; a ValueError if the torque has no potential."""
         raise no_potential(self)
 
     def on(self, body: Any) -> Torque:
@@ -37,11 +35,7 @@ class ReadsBody(Torque):
 
 
 class ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, which it computes from the momentum and the body.
-
-    Raises:
-        ValueError: when a run begins, the state holds spins, which have no angular velocity.
-    """
+    """A torque that depends on the angular velocity, computed from the momentum and the body."""
 
     def check(self, state: Any) -> None:
         if hasattr(state, "spin"):
@@ -61,9 +55,7 @@ def knows_axis_alone(state: AnyState) -> bool:
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
-    """The angular velocity in the frame of the momentum. For a `SymmetricRotor` it includes the spin, so `along` is
-    required.
-    """
+    """The angular velocity in the frame of the momentum; with the spin of a `SymmetricRotor`, from `along`."""
     turning = body.turning
     velocity = cp.vector(turning.velocity(state.momentum))
     if not isinstance(turning, SymmetricRotor):
@@ -130,12 +122,7 @@ class Damping(ReadsVelocity):
 
 
 class OnBody(Torque):
-    """A torque that reads the body, bound to a body: a callable of (t, state).
-
-    Attributes:
-        torque: a `ReadsBody`.
-        body: the body on which the torque acts.
-    """
+    """A torque that reads the body, bound to a body: a callable of (t, state)."""
 
     torque: ReadsBody
     body: Any

@@ -1,8 +1,7 @@
 """Gravity, air and thrust on bodies that translate, as wrenches on the states of a `FreeBody`.
 
-Each conservative wrench has force and torque from one potential V(x, R). Energy is therefore conserved and, in the
-field of a point mass, also the total momentum x cross p + R Pi. I is the inertia tensor about the centre of mass and J
-= R I R^T, u = x/r. The expansion of V in the size of the body over r keeps the terms up to the second moments.
+I is the inertia tensor about the centre of mass and J = R I R^T, u = x/r. The expansion of a potential V(x, R) in the
+size of the body over r keeps the terms up to the second moments.
 """
 
 from abc import abstractmethod
@@ -40,27 +39,21 @@ G_TIMES_MASS = "pass G times the attracting mass."
 
 
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
-    """State and body, if both translate; a ValueError otherwise. The body is None if it is not read."""
     if state.several:
         raise acts_on_one(torque)
     if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
-            f"{type(torque).__name__} acts on a body that translates, but the state is a "
-            f"{type(state).__name__}; use a FreeState and a FreeBody."
+            f"{type(torque).__name__} acts on a body that translates, as a FreeState, got a {type(state).__name__}."
         )
     return state, body
 
 
 def acts_on_one(torque: Any) -> ValueError:
     kind = type(torque).__name__
-    return ValueError(
-        f"{kind} acts on one body; for several coupled bodies use midlie_jax.torques.OnEach({kind}(...))."
-    )
+    return ValueError(f"{kind} acts on one body; for coupled bodies use midlie_jax.torques.OnEach({kind}(...)).")
 
 
 class _Gravity(ReadsBody):
-    """A gravity field, which acts on every part of a body."""
-
     @property
     def gravitational(self) -> bool:
         return True
@@ -98,12 +91,8 @@ class UniformGravity(_Gravity):
 
 
 class _Place:
-    """The position of a body in a field about the origin.
-
-    Attributes:
-        inverse: 1/r.
-        space: the unit vector u in the space frame.
-        here: u in the frame of the momentum.
+    """The position of a body in a field about the origin: 1/r, and the unit vector u in space and `here`, in the frame
+    of the momentum.
     """
 
     def __init__(self, state: Any, body: FreeBody):
