@@ -5,9 +5,9 @@ from .brightness import EllipsoidBrightness as EllipsoidBrightness
 from .brightness import Lambert as Lambert
 from .brightness import LommelSeeliger as LommelSeeliger
 from .brightness import Scattering as Scattering
+from .brightness import Sunlight as Sunlight
 from .mutual_gravity import MutualGravity as MutualGravity
 from .photometry import Photometry as Photometry
-from .sunlight import Sunlight as Sunlight
 from .tides import SolarTide as SolarTide
 from .tides import TidalDissipation as TidalDissipation
 from .tumbling_motion import Tumble as Tumble

@@ -10,7 +10,7 @@ from jax import Array
 
 from .._checks.arguments import as_floats, as_function_of_time, as_not_negative, described, is_unit, require, vector_at
 from .._math import components as cp
-from .horizon import open_sky
+from .polyhedra import open_sky
 from .state import AnyState, Time, require_all_directions
 from .surface import Surface
 

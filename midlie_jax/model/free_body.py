@@ -9,8 +9,7 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
 from . import so3
-from .bodies import Body, RigidBody, TensorBody, require_within_range
-from .masses import all_positive, is_positive
+from .bodies import Body, RigidBody, TensorBody, all_positive, is_positive, require_within_range
 from .rotor import SymmetricRotor
 
 

@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
-from .bodies import Body, require_within_range
-from .masses import all_positive, is_positive
+from .bodies import Body, all_positive, is_positive, require_within_range
 
 _UNITS = "check its units."
 _ROUNDING = 1e-6  # of `along`, relative to twice the moment

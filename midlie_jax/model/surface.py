@@ -26,8 +26,7 @@ from .._math import components as cp
 from .._math.powers import unit as unit_of
 from . import so3
 from .bodies import RigidBody, TensorBody
-from .horizon import Horizon, horizon_of
-from .polyhedra import Solid, as_faces, read_mesh, require_area, solid_of, sphere
+from .polyhedra import Horizon, Solid, as_faces, horizon_of, read_mesh, require_area, solid_of, sphere
 
 _FACES_OF_BOX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _CENTRED = 1e-5  # the largest distance of the origin from the centre of mass, in radii of gyration

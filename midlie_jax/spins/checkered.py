@@ -22,8 +22,7 @@ from jax import Array
 from .._math import components as cp
 from .._xla.apart import apart
 from ..integrators.system import System
-from .fields import AppliedField, OwnField
-from .neighbours import Near, NeighbourField
+from .fields import AppliedField, Near, NeighbourField, OwnField
 from .state import OnLattice, SpinState
 
 _MOST_AXES = 4  # for which the bits of an entry fit one byte

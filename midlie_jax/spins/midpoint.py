@@ -16,7 +16,7 @@ from .._xla.fusion import split
 from ..integrators.base import Method
 from ..integrators.system import AnyMotion, Motion, System
 from ..integrators.verdict import verdict
-from .body import Spins
+from .state import Spins
 from .turns import turned
 
 _MOST = 100  # iterations; each multiplies an error by about h |d2H/dS2| / 2

@@ -29,11 +29,9 @@ from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import kept_terms, on_body, terms_of
 from ..model.torques.by_step import is_by_step
-from .body import Spins, checkerboard
 from .checkered import Checkered, can_be_checkered, checkered_kind
-from .fields import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
-from .neighbours import NeighbourField
-from .state import SpinState
+from .fields import Anisotropy, AppliedField, NeighbourField, OwnField, SpinField, in_dtype_of
+from .state import Spins, SpinState, checkerboard
 from .thermal_field import ThermalField
 from .turns import damped, turned, turned_by_own, unit
 

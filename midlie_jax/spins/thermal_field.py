@@ -13,7 +13,7 @@ from .._math.normals import normals
 from ..model.baths.base import Warm, words_of
 from ..model.exposure import root_of
 from ..model.state import AnyState
-from .body import Spins
+from .state import Spins
 from .turns import turned
 
 

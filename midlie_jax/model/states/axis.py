@@ -91,7 +91,7 @@ class Axis(UnitVector):
         """NaN if the vector in the body is not along its axis of symmetry."""
         a, b, c = vector
         if not cp.is_traced(vector) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
-            raise ValueError("a torque acts on another direction than the axis of this state; use a RigidState.")
+            raise ValueError("the state holds only the third axis of the body; for another direction use a RigidState.")
         along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
         return cp.scale(along, pose)
 

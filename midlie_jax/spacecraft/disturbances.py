@@ -1,4 +1,4 @@
-"""`FreeMolecularDrag`: the force of a gas so thin that its molecules do not collide with each other."""
+"""Disturbance torques: the gravity gradient along a known orbit, eddy currents, and a gas in free molecular flow."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,14 +9,160 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_not_negative, as_positive
+from .._checks.arguments import as_finite, as_function_of_time, as_not_negative, as_positive, require, vector_at
 from .._math import components as cp
 from .._xla.rows import sum_over_rows
+from ..model.bodies import RigidBody, TensorBody, is_symmetric, read_as_tensor
 from ..model.facets import as_amount, as_fractions, as_lit_surface, lit, of_facets, unshadowed, with_horizon
-from ..model.state import AnyState, Time
+from ..model.orbits import Orbit
+from ..model.orbits.base import check_units
+from ..model.state import AnyState, Time, require_all_directions
 from ..model.surface import Surface
-from ..model.torques.travel import InAir, through_air, travelling
+from ..model.torques.base import Torque
+from ..model.torques.fields import to_body_components
+from ..model.torques.reads_body import ReadsBody, ReadsVelocity
+from ..model.torques.travel import G_TIMES_MASS, InAir, through_air, travelling
 from ..model.wrench import Wrench
+
+
+class GravityGradient(ReadsBody):
+    """The gravity-gradient torque of a point mass on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
+
+    It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state needs
+    an attitude: a `RigidState`, or a `FreeState`. The torque ignores the position of a `FreeState`; `PointMass` uses
+    it.
+
+    Attributes:
+        moments: principal moments of the body, (3,); None for the inertia of the body of the run, which can then be a
+            `TensorBody`.
+        orbit: the position r of the body relative to the attracting mass, `orbit(t) -> (3,)`, space frame, length: a
+            `midlie_jax.orbits.CircularOrbit`, a `KeplerOrbit`, or any callable.
+        mu: gravitational parameter of the attracting mass, (), length^3/time^2.
+
+    Raises:
+        ValueError: moments not positive and of shape (..., 3), or mu not positive and finite; moments with a
+            `TensorBody`; an orbit of this package whose speeds do not fit mu, for example an orbit in kilometres with
+            mu in SI units.
+
+    Examples:
+        >>> mu = 3.986e14  # of the Earth, m^3/s^2
+        >>> orbit = ml.orbits.CircularOrbit(position=[6.8e6, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=mu)
+        >>> torque = ml.spacecraft.GravityGradient([10.0, 40.0, 45.0], orbit, mu)  # moments in kg m^2
+        >>> turned = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.0, 0.0, 0.1])))
+        >>> round(1e6 * float(torque(0.0, turned)[2]), 3)  # micro-N m; it rotates axis 1 back to the vertical
+        -11.333
+    """
+
+    moments: Float[Array, "*batch 3"] | None
+    orbit: Orbit | Callable[[Any], Array]
+    mu: Float[Array, "*batch"]
+
+    def __init__(self, moments: Any, orbit: Orbit | Callable[[Any], Array], mu: Any):
+        self.moments = None if moments is None else RigidBody(moments, physical=False).moments
+        self.orbit = orbit
+        self.mu = as_positive("mu", mu, cure=G_TIMES_MASS)
+        check_units(orbit, self.mu)
+
+    def on(self, body: Any) -> Torque:
+        if self.moments is None:
+            return super().on(body)
+        if isinstance(body, TensorBody):
+            raise ValueError("moments refer to principal axes; give None to use the TensorBody.")
+        return self
+
+    def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
+        position = cp.vector(vector_at("orbit", self.orbit, t))
+        square = cp.dot(position, position)
+        inverse = 1 / jnp.sqrt(square)
+        u = require_all_directions(state).seen_from_body(cp.scale(inverse, position))
+        return 3 * self.mu * inverse * inverse * inverse, u
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        strength, u = self._local(t, state)
+        return cp.pack(cp.scale(strength, cp.cross(u, cp.vector(body.momentum(cp.pack(u))))))
+
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
+        """The potential energy up to terms independent of the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
+        strength, u = self._local(t, state)
+        return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
+
+    def tide(self, t: Time, state: AnyState, place: cp.Vector) -> cp.Vector:
+        """The gravity at a position in the body minus the gravity at the centre of mass, body frame, to first order."""
+        strength, u = self._local(t, state)
+        return cp.subtract(cp.scale(strength * cp.dot(u, place), u), cp.scale(strength / 3, place))
+
+    def __call__(self, t: Time, state: AnyState) -> Array:
+        return super().__call__(t, state) if self.moments is None else self.at(t, state, self._own_body())
+
+    def potential(self, t: Time, state: AnyState) -> Array:
+        return super().potential(t, state) if self.moments is None else self.potential_at(t, state, self._own_body())
+
+    def _own_body(self) -> RigidBody:
+        return RigidBody(self.moments, physical=False)
+
+
+class EddyCurrents(ReadsVelocity):
+    """The torque of eddy currents, T = (M (Omega x B)) x B, which never increases the energy.
+
+    M is the magnetic tensor of the body (N. Ortiz Gomez, S. J. I. Walker, Acta Astronaut. 114 (2015) 34), which is M =
+    2 pi / 15 sigma R^5 for a solid sphere and 2 pi / 3 sigma R^4 e for a thin shell of thickness e, with the
+    conductivity sigma. The field is uniform over the body and changes little during the decay time of the currents.
+
+    Attributes:
+        tensor: M, (), (3,) for the diagonal, or a symmetric tensor (3, 3); body frame, torque time / field^2: S m^4 in
+            SI units, with the field in T. An array (3, 3) is always a tensor, and never the diagonals of three bodies.
+        field: B, space frame, (3,), or a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField`.
+
+    Raises:
+        ValueError: another shape, numbers that are not finite, a tensor that is not symmetric or has a negative
+            eigenvalue. When called: a state without an attitude.
+
+    Examples:
+        >>> brake = ml.spacecraft.EddyCurrents(tensor=2.0, field=[0.0, 0.0, 1.0])
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> brake.on(body)(0.0, state)[:2]  # across the field; the spin about the field is not damped
+        Array([-2., -2.], dtype=float64)
+    """
+
+    tensor: Float[Array, "*batch"]
+    field: Float[Array, "*batch 3"] | Callable[[Any], Array]
+
+    def __init__(self, tensor: Any, field: Any):
+        self.tensor = as_finite("tensor", tensor)
+        self.field = as_function_of_time("field", field)
+        shape = self.tensor.shape
+        if shape not in ((), (3,), (3, 3)) and shape[-1:] != (3,):
+            raise ValueError(f"tensor must be (), (3,) or (3, 3), got {shape}.")
+        not_negative = "must have no negative eigenvalue"
+        cure = "eddy currents only dissipate energy."
+        if shape[-2:] == (3, 3):
+            other = read_as_tensor("tensor")
+            require("tensor", self.tensor, is_symmetric, "must be symmetric", f"pass (M + M.T) / 2; or, {other}.")
+            require("tensor", self.tensor, _not_negative, not_negative, f"{cure[:-1]}; or, {other}.")
+        else:
+            require("tensor", self.tensor, lambda m: m >= 0, not_negative, cure)
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        field = to_body_components("field", self.field, t, state)
+        induced = cp.cross(cp.vector(body.velocity(state.momentum)), field)
+        return cp.pack(cp.cross(self._times(induced), field))
+
+    def _times(self, v: cp.Vector) -> cp.Vector:
+        m = self.tensor
+        if m.ndim == 0:
+            return cp.scale(m, v)
+        if m.ndim == 1:
+            return cp.times(cp.vector(m), v)
+        if m.shape != (3, 3):
+            raise ValueError(f"tensor must be (), (3,) or (3, 3) for one body, got {m.shape}.")
+        return cp.dot(cp.vector(m[0]), v), cp.dot(cp.vector(m[1]), v), cp.dot(cp.vector(m[2]), v)
+
+
+def _not_negative(tensors: np.ndarray) -> Any:
+    values = np.linalg.eigvalsh(tensors)
+    return values[..., 0] >= -1e-6 * np.abs(values).max(-1)
+
 
 _ROOT_OF_PI = float(np.sqrt(np.pi))
 
