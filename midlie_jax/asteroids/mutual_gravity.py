@@ -27,6 +27,7 @@ from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.state import AnyState, Time
 from ..model.states import CoupledState
+from ..model.torques.base import always
 from ..model.torques.reads_body import ReadsBody
 from ..model.wrench import Wrench
 
@@ -81,9 +82,7 @@ class MutualGravity(ReadsBody):
     fourth: Float[Array, "*batch 3 3 3 3"] | None
     degree: int = eqx.field(static=True)
 
-    @property
-    def keeps_total_momentum(self) -> bool:
-        return True
+    keeps_total_momentum = always
 
     def __init__(self, G: Any, *, degree: int = 2, third: Any = None, fourth: Any = None):
         if degree not in _DEGREES:
@@ -97,9 +96,7 @@ class MutualGravity(ReadsBody):
         self.third = None if third is None else _moments("third", third, 3)
         self.fourth = None if fourth is None else _moments("fourth", fourth, 4)
 
-    @property
-    def gravitational(self) -> bool:
-        return True
+    gravitational = always
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         bodies = self._bodies(state, body)

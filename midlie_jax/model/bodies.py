@@ -30,13 +30,8 @@ def require_within_range(name: str, value: Any, units: str) -> None:
     """Raises unless moments or masses leave room for the intermediate results; the remedy names the units."""
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
     cure = in_wider(value.dtype, f"use other units of {units}")
-    require_rows(
-        name,
-        value,
-        lambda x: (x >= smallest) & (x <= 1 / smallest),
-        f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}",
-        cure,
-    )
+    problem = f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}"
+    require_rows(name, value, lambda x: (x >= smallest) & (x <= 1 / smallest), problem, cure)
 
 
 def _triangle(moments: Any) -> Any:
@@ -155,27 +150,15 @@ class RigidBody(Body):
         # checks below, whose message names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
-        require_rows(
-            "moments",
-            self.moments,
-            is_positive,
-            "must be positive and finite",
-            cure
-            or cure_of(
-                self.moments,
-                "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)",
-            ),
-        )
+        other = "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)"
+        cure_of_sign = cure or cure_of(self.moments, other)
+        require_rows("moments", self.moments, is_positive, "must be positive and finite", cure_of_sign)
         require_within_range("moments", self.moments, "mass or length")
         if physical:
             self.moments = made_flat(self.moments, _TRIANGLE_TOLERANCE)
-            require_rows(
-                "moments",
-                self.moments,
-                _triangle,
-                "are unphysical: the largest must not exceed the sum of the other two",
-                cure or "check the moments, or pass physical=False to allow moments that no real body has.",
-            )
+            problem = "are unphysical: the largest must not exceed the sum of the other two"
+            cure = cure or "check the moments, or pass physical=False to allow moments that no real body has."
+            require_rows("moments", self.moments, _triangle, problem, cure)
 
     @classmethod
     def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:

@@ -25,19 +25,12 @@ def as_direction(name: str, value: Any) -> Direction:
     return direction
 
 
-def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
-    """The unit vector in space, as components; the value of a function is normalised."""
-    if not callable(direction):
-        return cp.vector(direction)
-    vector = cp.vector(vector_at(name, direction, t))
-    return cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector)
-
-
 def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
-    """The unit vector in body components; a ValueError if the state does not hold it."""
-    if callable(direction):
-        require_all_directions(state)
-    return state.seen_from_body(directed(name, direction, t))
+    """The unit vector in body components; the value of a function is normalised."""
+    if not callable(direction):
+        return state.seen_from_body(cp.vector(direction))
+    vector = cp.vector(vector_at(name, direction, t))
+    return require_all_directions(state).seen_from_body(cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector))
 
 
 def as_fractions(name: str, value: Any) -> Array:

@@ -117,7 +117,7 @@ class Leaf:
 
     @classmethod
     def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
-        """Ornstein-Uhlenbeck change of a space-frame vector under an exposure in the body frame."""
+        """The change of a space-frame vector under an exposure in the body frame."""
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     # Frames

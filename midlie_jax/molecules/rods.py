@@ -210,14 +210,12 @@ class StraightRod(NamedTuple):
         start: all at rest.
 
     Examples:
+        >>> size = {"length": 1.0, "radius": 0.05, "density": 1000.0}
         >>> rod = ml.molecules.straight_rod(
-        ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
-        ...     length=1.0, radius=0.05, density=1000.0, youngs_modulus=1e6,
+        ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], youngs_modulus=1e6, **size
         ... )
-        >>> rod.start.position.shape  # eleven bodies, also of rod.body and rod.torque
-        (11, 3)
-        >>> round(float(rod.body.mass.sum()), 4)  # pi 0.05^2 1000
-        7.854
+        >>> rod.start.position.shape, round(float(rod.body.mass.sum()), 4)  # pi 0.05^2 1000
+        ((11, 3), 7.854)
     """
 
     body: FreeBody

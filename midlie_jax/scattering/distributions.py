@@ -55,13 +55,8 @@ class Distribution(eqx.Module):
 class Normal(Distribution):
     """Normal numbers, either independent with a `deviation` each, or one vector with a covariance matrix.
 
-    Attributes:
-        mean: numbers of any shape, the shape of a draw.
-        deviation: standard deviations, of the shape of `mean`; None with a covariance.
-        root: a matrix S with S S^T = covariance, (d, d); None with deviations.
-
     Args:
-        mean: numbers of any shape; with a covariance a vector (d,).
+        mean: numbers of any shape, the shape of a draw; with a covariance a vector (d,).
         deviation: standard deviations of at least 0, in the unit of the mean; a single number holds for all.
         covariance: (d, d), symmetric positive semi-definite, in place of the deviation.
 
@@ -106,10 +101,6 @@ class Normal(Distribution):
 class LogNormal(Distribution):
     """Positive numbers whose logarithms are normal: masses, moments, coefficients.
 
-    Attributes:
-        median: numbers of any shape, the shape of a draw.
-        log_deviation: standard deviations of the natural logarithm.
-
     Args:
         median: positive numbers of any shape; half of all draws are larger.
         deviation: relative standard deviations, that is standard deviation over mean, of at least 0; a single number
@@ -138,9 +129,6 @@ class LogNormal(Distribution):
 
 class Uniform(Distribution):
     """Numbers between two bounds, independent and each uniform.
-
-    Attributes:
-        low, width: the lower bounds, and the upper bounds minus the lower ones, in the shape of a draw.
 
     Args:
         low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
@@ -172,10 +160,6 @@ class Joint(Distribution):
     """Several jointly normal quantities, with the correlations of one covariance matrix.
 
     A draw is a dictionary with the names and shapes of the mean.
-
-    Attributes:
-        normal: the distribution of all numbers, in the order of `mean`, arrays row by row.
-        names, shapes: of the quantities.
 
     Args:
         mean: a dictionary of names and means, each of any shape.
@@ -262,10 +246,6 @@ class RotationNear(Distribution):
 
     This is the error model of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond pi
     wrap around, so use deviations well below one radian.
-
-    Attributes:
-        attitude: the mean, a unit quaternion (4,).
-        error: the distribution of the rotation vector.
 
     Args:
         attitude: unit quaternion (w, x, y, z).

@@ -12,12 +12,11 @@ import numpy as np
 from jax import Array
 
 from ..._checks.arguments import (
-    as_floats,
+    as_finite,
     as_not_negative,
     described,
     is_key,
     require,
-    require_finite,
     require_function,
     shown,
 )
@@ -195,8 +194,12 @@ def as_coefficient(name: str, value: Any) -> Any:
     if callable(value):
         require_function(name, value, "t")
         return value
-    numbers = as_floats(name, value)
-    require_finite(name, numbers)
+    return as_tensor(name, value)
+
+
+def as_tensor(name: str, value: Any) -> Array:
+    """Finite numbers that are not negative, or symmetric tensors (..., 3, 3) without a negative eigenvalue."""
+    numbers = as_finite(name, value)
     if numbers.shape[-2:] != (3, 3) or is_traced(numbers):
         require(name, numbers, lambda x: x >= 0, "must not be negative", "check its sign.")
         return numbers

@@ -19,12 +19,11 @@ class CircularOrbit(Orbit):
     """A circular orbit about the origin.
 
     Attributes:
-        position: the position at t = 0, (3,), length.
         across: the position a quarter of a period later, (3,), length.
         rate: angular velocity sqrt(mu/r^3), (), radians per unit of time.
 
     Args:
-        position: as above.
+        position: the position at t = 0, (3,), length.
         direction: the direction of motion at t = 0, (3,); only its part perpendicular to `position` counts.
         mu: gravitational parameter, (), length^3/time^2.
 

@@ -118,10 +118,7 @@ class CoupledState(Coupled, FreeState):
     (N,), or one for all.
 
     Attributes:
-        momentum: angular momenta Pi about the centres of mass, each in the frame of its body, (..., N, 3).
-        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
-        linear: linear momenta p, space frame, (..., N, 3).
-        position: positions of the centres of mass, space frame, (..., N, 3).
+        momentum, attitude, linear, position: as for `FreeState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
 
     Raises:
         ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
@@ -148,8 +145,7 @@ class CoupledRigidState(Coupled, RigidState):
     (N, 3), or one for all.
 
     Attributes:
-        momentum: angular momenta Pi, each in the frame of its body, (..., N, 3).
-        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
+        momentum, attitude: as for `RigidState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
 
     Raises:
         ValueError: as for `RigidState`, or the arrays do not have one number N of bodies.
@@ -174,8 +170,7 @@ class CoupledAxisState(Coupled, AxisState):
     for all.
 
     Attributes:
-        momentum: angular momenta in the space frame, (..., N, 3).
-        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
+        momentum, axis: as for `AxisState`, with an axis for the bodies: (..., N, 3).
 
     Raises:
         ValueError: as for `AxisState`, or the arrays do not have one number N of bodies.
@@ -199,10 +194,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
     `SymmetricRotor` with moments (N,) and masses (N,), or one for all.
 
     Attributes:
-        momentum: angular momenta about the centres of mass, space frame, (..., N, 3).
-        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
-        linear: linear momenta p, space frame, (..., N, 3).
-        position: positions of the centres of mass, space frame, (..., N, 3).
+        momentum, axis, linear, position: as for `FreeAxisState`, with an axis for the bodies: (..., N, 3).
 
     Raises:
         ValueError: as for `FreeAxisState`, or the arrays do not have one number N of bodies.

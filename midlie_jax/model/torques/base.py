@@ -18,6 +18,9 @@ from ..wrench import Wrench
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
+always = property(lambda self: True)  # of a torque with this fact
+
+
 class Torque(eqx.Module, metaclass=BriefHelp):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 

@@ -10,7 +10,7 @@ from jax import Array
 from ..._checks.arguments import require_function
 from ..._math import components as cp
 from ..state import Time
-from .base import Torque, TorqueLike, on_body, potential_of, velocity_dependent, without_gravity
+from .base import Torque, TorqueLike, always, on_body, potential_of, velocity_dependent, without_gravity
 from .reads_body import ReadsBody
 
 
@@ -107,9 +107,7 @@ class VelocityDependent(Torque):
     def __call__(self, t: Time, state: Any) -> Any:
         return self.function(t, state)
 
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
+    velocity_dependent = always
 
     def on(self, body: Any) -> Torque:
         return VelocityDependent(on_body(self.function, body))

@@ -30,7 +30,7 @@ from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
-from .base import Torque
+from .base import Torque, always
 from .fields import to_body_components
 from .reads_body import ReadsBody, angular_velocity_of
 
@@ -54,9 +54,7 @@ def acts_on_one(torque: Any) -> ValueError:
 
 
 class _Gravity(ReadsBody):
-    @property
-    def gravitational(self) -> bool:
-        return True
+    gravitational = always
 
 
 class UniformGravity(_Gravity):
@@ -140,9 +138,7 @@ class PointMass(_Gravity):
     mu: Float[Array, "*batch"]
     gradient: bool = eqx.field(static=True)
 
-    @property
-    def keeps_total_momentum(self) -> bool:
-        return True
+    keeps_total_momentum = always
 
     def __init__(self, mu: Any, *, gradient: bool = True):
         self.gradient = gradient
@@ -278,9 +274,7 @@ class Magnus(ReadsBody):
         self.strength = as_finite("strength", strength)
         self.wind = None if wind is None else as_function_of_time("wind", wind)
 
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
+    velocity_dependent = always
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         state, body = travelling(self, state, body)
