@@ -1,20 +1,16 @@
 """Jacobi's elliptic functions at long arguments by doubling, with the angle of an elliptic integral of the third kind.
 
-`free_motion` begins with a short argument u and doubles it as often as needed. An error of the argument doubles as
-well, so long and short argument have the same relative error; this is unavoidable, because the long argument is
-rounded. All formulas hold for every parameter 0 <= m <= 1. It is passed with its complement m1 = 1 - m, because 1 - m
-would lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and m = 1 are not
-special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division nor a square
-root, which would split the loop over the bodies (`components.reciprocal`).
+All formulas hold for every parameter 0 <= m <= 1. It is passed with its complement m1 = 1 - m, because 1 - m would lose
+the digits of m1 near m = 1. On the real axis dn >= |cn|, so all quotients below by dn are small.
 
 With z = x + y and a characteristic -n <= 0, the integral G(u) of 1 / (1 + n sn^2 u) has the addition theorem
 
     G(z) - G(x) - G(y) = -(1/k) arctan(n k sn x sn y sn z / (1 + n (1 - cn x cn y cn z))),    n k = root
 
-where root = sqrt((1 + n) n (n + m)). The denominator is at least 1, so the arctangent never leaves its principal
-branch, and half the angle has no jumps.
+where root = sqrt((1 + n) n (n + m)). The denominator is at least 1, so half the angle has no jumps.
 
-NIST Digital Library of Mathematical Functions, 19.11 and 22.6, 22.8.
+NIST Digital Library of Mathematical Functions, 19.8, 19.11, 22.6, 22.8 and 22.20; R. Bulirsch, Numer. Math. 13 (1969)
+305.
 """
 
 from math import pi

@@ -1,7 +1,4 @@
-"""Euler angles of rotations, by one formula for JAX and for NumPy in float64.
-
-R = R_i(a) R_j(b) R_k(c): rotations about axes of the body, each after the earlier ones.
-"""
+"""Euler angles of R = R_i(a) R_j(b) R_k(c), each about axes of the body, for JAX and for NumPy in float64."""
 
 from typing import Any
 

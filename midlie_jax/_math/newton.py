@@ -1,9 +1,4 @@
-"""Newton's method for three equations in three unknowns, for the implicit methods and flights.
-
-The number of iterations is fixed, so the solve can be fused into the loop of the step. `newton` differentiates the root
-by the implicit function theorem (`lax.custom_root`), in forward and reverse mode and to any order; the iterations are
-never differentiated.
-"""
+"""Newton's method for three equations, in a fixed number of iterations, so that it fuses into a step."""
 
 from collections.abc import Callable
 from typing import Any

@@ -24,16 +24,7 @@ from .._xla.fusion import split
 
 # Minimax polynomials, lowest power first. Near zero, to rounding: -log(1 + x)/x for sqrt(1/2) <= 1 + x <= sqrt(2), to
 # 1.7e-7; 1/sqrt(1 - x) for |x| <= 0.07, to 2.3e-8.
-LOGARITHM = (
-    -0.99999994,
-    0.50000364,
-    -0.3333506,
-    0.24969909,
-    -0.19900166,
-    0.1725083,
-    -0.16222578,
-    0.101068906,
-)
+LOGARITHM = (-0.99999994, 0.50000364, -0.3333506, 0.24969909, -0.19900166, 0.1725083, -0.16222578, 0.101068906)
 ROOT = (1.0, 0.49999833, 0.37500072, 0.31393936, 0.27403697)
 # cos a and sin(a)/a in powers of a^2, for |a| <= pi/4, to 2.8e-8; sqrt(2) sin(a)/a for |a| <= pi/2, to 6e-9.
 COSINE = (1.0, -0.49999857, 0.041655026, -0.0013585909)

@@ -44,9 +44,6 @@ class Tumble(NamedTuple):
     - The *phases* (s, phi): s is the share of the rotation period since L had no component along the middle axis and
       positive ones along the other two; phi is the angle about the pole.
 
-    Published Euler angles and rates need no conversion to phases: `RigidState(body.momentum(rates),
-    so3.from_euler(angles, "ZXZ"))`, with angles of body axes 3, 1, 3 and rates about body axes, in radians.
-
     Attributes:
         short_axis: whether the momentum circles the axis of the largest moment; otherwise the axis of the smallest.
         energy_ratio: 2 E Ic / |L|^2, the energy relative to a rotation about the short axis with the same momentum, at

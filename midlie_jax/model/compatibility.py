@@ -1,7 +1,4 @@
-"""Checks that a body, a state and a torque are valid and compatible, made before tracing.
-
-Every function raises a ValueError that names the argument.
-"""
+"""Checks that a body, a state and a torque are valid and compatible, made before tracing."""
 
 from dataclasses import fields
 from typing import Any
@@ -118,10 +115,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
         return
     momentum, axes_of_momentum = state.momentum.shape, len(state.batch)
     moments = "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
-    shapes = (
-        (moments, (*body.batch, 3), len(body.batch), 0),
-        (f"{name}.momentum", momentum, axes_of_momentum, batch),
-    )
+    shapes = ((moments, (*body.batch, 3), len(body.batch), 0), (f"{name}.momentum", momentum, axes_of_momentum, batch))
     for argument, shape, axes, least in shapes:
         if not least <= axes <= batch:
             wanted, cure = (

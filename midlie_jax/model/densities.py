@@ -26,9 +26,8 @@ class OrbitalDistance(eqx.Module):
     """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of rotation
-    by the gravity gradient. Far out on an eccentric orbit or a hyperbola, the rotation of the body sets the time scale.
-    There, steps proportional to r^(3/2) would be too long, so no step exceeds `longest` times the step at the
-    reference. Where (reference / r)^power is twice 1 / longest, this changes the step by 2 %.
+    by the gravity gradient. Far out the rotation of the body sets the time scale, so no step exceeds `longest` times
+    the step at the reference.
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.

@@ -135,7 +135,10 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
     or tensors (..., 3, 3) in the user's frame. `root` is sqrt(kT), a factor of every spread; or None.
     """
     turning: Any = body.turning
-    moments = cp.vector(turning.moments) if not isinstance(turning, SymmetricRotor) else _moments_of(turning)
+    if isinstance(turning, SymmetricRotor):
+        moments = turning.moment, turning.moment, turning.known_along
+    else:
+        moments = cp.vector(turning.moments)
     angular = _exposure(in_principal_axes(friction, frame), moments, time, root)
     if not isinstance(body, FreeBody):
         return angular
@@ -164,10 +167,6 @@ def _kick(diffusion: Array, time: Array) -> Exposure:
         return Exposure(None, rows(symmetric_root(2 * time * diffusion)))
     each = cp.vector(diffusion) if diffusion.ndim else (diffusion,) * 3
     return Exposure(None, tuple(root_of(2 * time * d) for d in each))
-
-
-def _moments_of(rotor: SymmetricRotor) -> cp.Vector:
-    return rotor.moment, rotor.moment, rotor.known_along
 
 
 def in_principal_axes(friction: Array, frame: Any) -> Array:

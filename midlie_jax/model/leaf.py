@@ -1,7 +1,4 @@
-"""`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components.
-
-A state is a product of one or two leaves; `kind.py` combines them.
-"""
+"""`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components."""
 
 from typing import Any, ClassVar
 

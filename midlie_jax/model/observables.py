@@ -24,10 +24,9 @@ from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
-    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; both terms for a body that translates.
+    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2; the total for coupled bodies and bodies that translate.
 
-    For coupled bodies it is the total. For a `SymmetricRotor` it is |pi|^2 / (2 I1), which omits the constant energy of
-    the spin.
+    For a `SymmetricRotor` it is |pi|^2 / (2 I1), which omits the constant energy of the spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
@@ -95,12 +94,10 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
     Args:
-        body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state of a rigid body, which may translate and have leading batch axes; for a path its `states`.
+        body, state: as for `kinetic_energy`, of a rigid body, which may translate.
 
     Raises:
-        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
-            body is a `SymmetricRotor`, whose spin is unknown.
+        ValueError: as for `kinetic_energy`, or the body is a `SymmetricRotor`, whose spin is unknown.
 
     Examples:
         >>> ml.observe.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
@@ -116,8 +113,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
     """The angular velocity R I^-1 Pi in the space frame, radians per unit of time, (..., 3).
 
     Args:
-        body: as for `angular_velocity`.
-        state: a state with an attitude, which may have leading batch axes; for a path its `states`.
+        body, state: as for `angular_velocity`; the state has an attitude.
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
@@ -178,8 +174,7 @@ def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The velocity p/m of the centre of mass of a body that translates, space frame, length/time, (..., 3).
 
     Args:
-        body: one `FreeBody` for all states; or n bodies, whose states have the leading axes (n, times).
-        state: as for `linear_momentum`.
+        body, state: as for `kinetic_energy`, of a body that translates.
 
     Raises:
         ValueError: the state does not translate, or does not belong to the body.

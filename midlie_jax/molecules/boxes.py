@@ -1,7 +1,6 @@
 """`integrate` for molecules in a box: compiled runs, between which the list of neighbours is built again; `Pressure`.
 
-How long a list holds follows from how far sites moved under the last one. If a site moves too far after all, the forces
-are NaN, and the run goes back to its last state and takes fewer steps at a time.
+If a site moves too far under a list, the run goes back to its last state and takes fewer steps at a time.
 """
 
 from typing import Any, NamedTuple
@@ -176,11 +175,7 @@ def _advance_by(
     return _Then(carry, one.state(carry), one.time(carry), one.ok(carry), one.result(carry))
 
 
-def _molecules(method: Any, body: Any, torque: Any, bath: Any, like: Any, *_: Any) -> int:
-    return like.count
-
-
-_advance = tuned_jit(_advance_by, _molecules)
+_advance = tuned_jit(_advance_by, lambda method, body, torque, bath, like, *_: like.count)
 _seen = exact_jit(observe_state)
 
 

@@ -34,9 +34,8 @@ class Molecules(NamedTuple):
     Examples:
         >>> from ase.build import molecule
         >>> molecule("H2O").write("water.xyz")
-        >>> body, points, start, box, symbols = ml.molecules.read("water.xyz", atoms=3)
-        >>> body.mass, type(start).__name__
-        (Array(18.015, dtype=float64), 'CoupledState')
+        >>> ml.molecules.read("water.xyz", atoms=3).body.mass
+        Array(18.015, dtype=float64)
     """
 
     body: FreeBody

@@ -1,9 +1,4 @@
-"""Sites, points fixed in a body: their positions in space, forces on them, and bodies made from point masses.
-
-A site s of a body at x with attitude R is at y = x + R s. Forces g on the sites are a force, the sum of g, and a torque
-about the centre of mass, R^T times the sum of (R s) x g. The wrench is the transpose of the derivative of the
-positions.
-"""
+"""Sites, points fixed in a body: their positions in space, forces on them, and bodies made from point masses."""
 
 from typing import Any
 

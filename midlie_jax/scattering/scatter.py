@@ -1,9 +1,7 @@
 """`scatter`: random inputs of an ensemble; the draw of a body does not depend on the other bodies or the order.
 
-The key of a draw combines the user's key, a hash of the name of the quantity and the index of the body. No draw depends
-on the sequence of draws. Random bits are integers, the same in every program. However, the functions that make normal
-numbers from them round, and XLA rounds differently in programs for other numbers of rows. All bodies therefore go
-through one compiled program, in blocks of one size; an incomplete block is padded.
+Random bits are integers, the same in every program, but XLA rounds the numbers made of them differently in programs for
+other numbers of rows. All bodies therefore go through one compiled program, in blocks of one size.
 """
 
 from functools import partial

@@ -169,8 +169,7 @@ class FreeMolecularDrag(InAir):
     place of the factor 1/2 of v^2 in v_r^2. For a cold gas (c = 0) m is 2 w on the facets that move forward and zero on
     the others. The rotation of the body adds no velocity. Facets shield each other after `surface.with_shadows()`;
     without, a surface that is not convex gives a warning. A facet of which the fraction k is open towards v has the
-    factor k in m of a cold gas, and Z = erfc|x| + k (erf|x| + erf(x)) in a warm one. Molecules that leave one facet do
-    not meet another.
+    factor k in m of a cold gas, and Z = erfc|x| + k (erf|x| + erf(x)) in a warm one.
 
     Attributes:
         surface: the facets, in the frame of the body.

@@ -1,7 +1,4 @@
-"""Midpoint rules on the sphere: the symplectic spherical midpoint rule, and the paper's Lie midpoint rule.
-
-Both are implicit, of order 2, and solve a fixed-point equation for all spins at once.
-"""
+"""Implicit midpoint rules on the sphere: a symplectic one, and the paper's Lie midpoint rule."""
 
 from abc import abstractmethod
 from typing import Any

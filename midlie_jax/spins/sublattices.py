@@ -1,10 +1,8 @@
 """`Sublattices`: one sublattice after the other rotates in the field of the others, which are held fixed.
 
-No spin acts on another spin of its sublattice. While the others are fixed, the field is constant and each spin rotates
-about it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau,
-Comput. Phys. Commun. 111, 1998, 1). Every such rotation conserves the energy of all fields that are linear in the spin.
-The method is explicit and reversible and preserves phase-space volume. It is not symplectic: no Hamiltonian rotates one
-sublattice in the field of the others and keeps the others fixed.
+The field is then constant and each spin rotates about it by a known angle (Frank, Huang and Leimkuhler, J. Comput.
+Phys. 133, 1997, 160; Krech, Bunker and Landau, Comput. Phys. Commun. 111, 1998, 1). The method conserves the energy of
+fields that are linear in the spin and phase-space volume. It is not symplectic.
 """
 
 from functools import partial
@@ -29,7 +27,7 @@ from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import kept_terms, on_body, terms_of
 from ..model.torques.by_step import is_by_step
-from .checkered import Checkered, can_be_checkered, checkered_kind
+from .checkered import Checkered, CheckeredSpins, can_be_checkered
 from .fields import Anisotropy, AppliedField, NeighbourField, OwnField, SpinField, in_dtype_of
 from .state import Spins, SpinState, checkerboard
 from .thermal_field import ThermalField
@@ -135,7 +133,7 @@ class Sublattices(Method):
         inertia = OnSublattices(body, labels, count, own, tuple(terms_of(others)), checkered)
         system = system._replace(inertia=inertia, placement=system.placement.if_costly(costly))
         if checkered is not None:
-            system = system._replace(kind=checkered_kind(lattice))
+            system = system._replace(kind=CheckeredSpins(SpinState, SpinState.leaves, lattice))
         if self.random:
             assert isinstance(bath, ThermalField)
             bath.check_on(start, body)

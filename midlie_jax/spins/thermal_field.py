@@ -59,12 +59,8 @@ class ThermalField(Warm):
         shape = start.spin.shape[:-1]
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
         numbered, _ = kind.parts(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
-        member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
+        member = cp.wrapped(numbered, lambda vector: vector[0])
         return BathOfSpins(self.root, words_of(self.key), (body.damping * body.rate).astype(start.spin.dtype), member)
-
-
-def _is_vector(tree: Any) -> bool:
-    return isinstance(tree, tuple) and bool(tree) and isinstance(tree[0], Array)
 
 
 class BathOfSpins(NamedTuple):

@@ -11,15 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..._checks.arguments import (
-    as_finite,
-    as_not_negative,
-    described,
-    is_key,
-    require,
-    require_function,
-    shown,
-)
+from ..._checks.arguments import as_finite, as_not_negative, described, is_key, require, require_function, shown
 from ..._math.components import is_traced
 from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
 from ..exposure import ROUNDED, PreparedBath, PreparedSum, root_of
@@ -31,9 +23,10 @@ class HeatBath(eqx.Module):
     methods: ClassVar[str]
 
     @property
-    @abstractmethod
     def keys(self) -> tuple[Any, ...]:
         """The random keys, or what a tree of this form has in their place."""
+        own: Any = self
+        return (own.key,)
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""
@@ -54,11 +47,8 @@ class Warm(HeatBath):
     key: Array
 
     def __init__(self, kT: Any, key: Any):
-        self.kT, self.key = _as_temperature(kT), as_key(key)
-
-    @property
-    def keys(self) -> tuple[Any, ...]:
-        return (self.key,)
+        self.kT = kT if callable(kT) else as_not_negative("kT", kT, cure="check its sign.")
+        self.key = as_key(key)
 
     def root(self, t: Array) -> Array:
         """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
@@ -83,9 +73,17 @@ class BathOfBodies(HeatBath):
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
     numbers: ClassVar[tuple[str, ...]] = ()
 
-    @abstractmethod
+    def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
+        """The exposures of stages that take these times, by coefficient; with the temperature at t if `with_root`."""
+        raise NotImplementedError(f"{type(self).__name__} must define effects.")
+
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
         """The bath prepared for the steps of a run: the coefficients of its stages, a time and its step h."""
+        times, words = {b: b * h for b in sorted(coefficients)}, words_of(self.keys[0])
+        if any(callable(getattr(self, name)) for name in self.numbers):
+            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
+        root = getattr(self, "root", None) if callable(getattr(self, "kT", None)) else None
+        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
 
     def check_kind(self, state: Any, body: Any) -> None:
         name = type(self).__name__
@@ -178,10 +176,6 @@ def words_of(key: Array) -> tuple[Array, ...]:
     """
     words = jax.lax.optimization_barrier(jax.random.key_data(key))
     return tuple(words[i] for i in range(words.shape[-1]))
-
-
-def _as_temperature(kT: Any) -> Any:
-    return kT if callable(kT) else as_not_negative("kT", kT, cure="check its sign.")
 
 
 def as_key(key: Any) -> Array:

@@ -1,9 +1,7 @@
 """`Langevin`, friction and thermal noise of a heat bath on rigid bodies; `Recoil`, noise in the space frame."""
 
-from collections.abc import Iterable
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -11,11 +9,11 @@ from jax import Array
 from ..._checks.arguments import shown
 from ..._math.components import is_traced
 from ..bodies import Body, RigidBody
-from ..exposure import PreparedBath, exposures, kicks
+from ..exposure import exposures, kicks
 from ..rotor import SymmetricRotor
 from ..state import AnyState
 from ..torques.reads_body import knows_axis_alone
-from .base import BathOfBodies, Warm, as_coefficient, as_key, at, words_of
+from .base import BathOfBodies, Warm, as_coefficient, as_key, at
 
 
 class Langevin(Warm, BathOfBodies):
@@ -71,16 +69,7 @@ class Langevin(Warm, BathOfBodies):
         self.friction = as_coefficient("friction", friction)
         self.linear_friction = None if linear_friction is None else as_coefficient("linear_friction", linear_friction)
 
-    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
-        times = {b: b * h for b in sorted(coefficients)}
-        words = words_of(self.key)
-        if callable(self.friction) or callable(self.linear_friction):
-            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
-        root = self.root if callable(self.kT) else None
-        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
-
     def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
-        """The exposures of stages that take these times, by coefficient; with the temperature at t if `with_root`."""
         principal, frame = body.in_principal_axes(), body.frame_of_user()
         friction, linear = self.frictions(body, t)
         root = self.root(t) if with_root else None
@@ -167,18 +156,9 @@ class Recoil(BathOfBodies):
             None if linear_diffusion is None else as_coefficient("linear_diffusion", linear_diffusion)
         )
 
-    @property
-    def keys(self) -> tuple[Any, ...]:
-        return (self.key,)
-
-    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
-        effects = eqx.Partial(self.effects, body.in_principal_axes(), {b: b * h for b in sorted(coefficients)})
-        varies = callable(self.diffusion) or callable(self.linear_diffusion)
-        return PreparedBath.of(words_of(self.key), effects if varies else effects(t), None, start)
-
-    def effects(self, body: Body, times: dict[float, Array], t: Array) -> Any:
+    def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
         linear = None if self.linear_diffusion is None else at(self.linear_diffusion, t)
-        return {b: kicks(body, at(self.diffusion, t), linear, time) for b, time in times.items()}
+        return {b: kicks(body.in_principal_axes(), at(self.diffusion, t), linear, time) for b, time in times.items()}
 
     def check_numbers(self, name: str, shape: tuple[int, ...], state: AnyState, body: Any) -> None:
         known = hasattr(state, "attitude") or isinstance(body.turning, SymmetricRotor)

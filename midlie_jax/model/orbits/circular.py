@@ -50,7 +50,8 @@ class CircularOrbit(Orbit):
         require_rows("position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "move it.")
         dtype = jnp.result_type(self.position, mu)
         units = Units.of(cp.vector(self.position.astype(dtype)), mu.astype(dtype))
-        place, direction = self.position * units.per_length[..., None], _scaled(direction)
+        place = self.position * units.per_length[..., None]
+        direction = direction * unit(jnp.max(jnp.abs(direction), axis=-1, keepdims=True))[1]
         square = jnp.sum(place**2, axis=-1, keepdims=True)
         along = direction - place * (jnp.sum(direction * place, axis=-1, keepdims=True) / square)
         _require_across(direction, along)
@@ -65,11 +66,6 @@ class CircularOrbit(Orbit):
         angle = self.rate * t
         c, s = jnp.cos(angle), jnp.sin(angle)
         return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))
-
-
-def _scaled(vector: Array) -> Array:
-    """The vector (..., 3) divided by a power of two near its size; zero unchanged."""
-    return vector * unit(jnp.max(jnp.abs(vector), axis=-1, keepdims=True))[1]
 
 
 def _require_across(direction: Array, across: Array) -> None:

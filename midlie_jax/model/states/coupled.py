@@ -1,9 +1,4 @@
-"""States of N coupled bodies under one torque function, such as `CoupledState`.
-
-Their arrays have an additional axis (N,) before the last one. Only the torque, a function of the whole state, is
-compiled separately from the step (`_xla/apart.py`). A few bodies under a short function are instead unrolled
-(`members.py`).
-"""
+"""States of N coupled bodies, with an axis (N,) before the last one, under one torque function of all."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar

@@ -39,15 +39,7 @@ class Torque(eqx.Module, metaclass=BriefHelp):
     """
 
     def __call__(self, t: Time, state: Any) -> Any:
-        """The torque on one body.
-
-        Args:
-            t: time, ().
-            state: the state of one body, with the parts that the torque needs.
-
-        Returns:
-            The torque (3,) in the body frame, in the dtype of the state; or a `Wrench` for a body that translates.
-        """
+        """The torque (3,) on one body at a time (), in its dtype; or a `Wrench` for a body that translates."""
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
     def potential(self, t: Time, state: Any) -> Array:
@@ -254,9 +246,7 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
 
 
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
-    """The torque without its gravity terms; None if no other term is left.
-
-    Also within `OnEach`.
+    """The torque without its gravity terms, also within `OnEach`; None if no other term is left.
 
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)

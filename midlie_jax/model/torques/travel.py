@@ -174,8 +174,7 @@ class Oblateness(_Gravity):
         V = m (k/r) (3 s^2 - 1)
             - k/(2 r^3) (6 n.Jn - 60 s n.Ju + (105 s^2 - 15) u.Ju - (15 s^2 - 3) tr I)
 
-    where the second line is minus half of J times the second derivatives of the field. Energy and the component of the
-    total angular momentum along the pole are conserved.
+    Energy and the component of the total angular momentum along the pole are conserved.
 
     Attributes:
         mu: gravitational parameter of the planet, (), length^3/time^2.
@@ -320,9 +319,8 @@ class InAir(ReadsBody):
 class Drag(InAir):
     """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
 
-    This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
-    `Drag` for each plate, or write a custom torque. With `velocity`, a known path, it is a torque alone. Without, it
-    uses the velocity of a body that translates, and the drag is a wrench.
+    This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. With `velocity`, a known path, it is
+    a torque alone. Without, it uses the velocity of a body that translates, and the drag is a wrench.
 
     Attributes:
         lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
