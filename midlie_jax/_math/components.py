@@ -324,9 +324,8 @@ def normalised(q: Quaternion) -> Quaternion:
 
 
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    """The polynomial with these coefficients, lowest first, at x.
-
-    Estrin's scheme: about as many operations as Horner's scheme, but most do not depend on the previous result.
+    """The polynomial with these coefficients, lowest first, by Estrin's scheme, whose operations depend less on each
+    other.
     """
     terms: list[Any] = list(coefficients)
     while len(terms) > 1:

@@ -65,10 +65,7 @@ def smallest_complement(like: Array) -> float:
 
 
 def half_angle_of(above: Array, below: Array) -> Complex:
-    """Half of arctan(above / below) in the addition theorem of the module docstring, with below at least 1.
-
-    The squares overflow only for an n far above the values for which `free_motion` reports `ok`.
-    """
+    """Half of arctan(above / below) in the addition theorem of the module docstring, with below at least 1."""
     square = above * above + below * below
     return square * cp.inverse_root(square) + below, above
 

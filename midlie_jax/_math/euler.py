@@ -24,12 +24,8 @@ def as_sequence(name: str, value: object) -> str:
 
 
 def angles_of(r: Any, sequence: str, xp: Any) -> tuple[Any, Any, Any, Any]:
-    """The angles a, b and c, and whether the first and the last axis of rotation are parallel, so that c is 0.
-
-    Args:
-        r: the entries of the matrices, (3, 3, ...).
-        sequence: three letters, the axes i, j and k.
-        xp: `numpy` or `jax.numpy`.
+    """The angles a, b and c, and whether the first and the last axis of rotation are parallel, so that c is 0; from the
+    entries of the matrices, (3, 3, ...), by `numpy` or `jax.numpy`.
     """
     i, j, last = map("XYZ".index, sequence)
     k, sign = 3 - i - j, 1 if (j - i) % 3 == 1 else -1

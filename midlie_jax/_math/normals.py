@@ -42,13 +42,8 @@ def normals(
 ) -> tuple[Array, ...]:
     """`count` independent standard normal numbers; none exceeds 6.56, beyond which the normal distribution has 5e-11.
 
-    Args:
-        key: the words of `jax.random.key_data`: two or four, uint32.
-        counter: the indices of the step, of the stage in the step, and of the member body; an array of members gives
-            each its own numbers.
-        count: their number.
-        dtype: float32, or float64, which gets the same numbers. They are then a separate loop, because a float32 vector
-            holds twice as many numbers as the vectors of the rest of the step.
+    The counter has the indices of the step, of the stage in the step, and of the member body, or an array of members.
+    In float64 they are the same numbers, in a separate loop, because a float32 vector holds twice as many.
     """
     numbers = of_words(words(key, *counter, count + count % 2), count)
     if jnp.dtype(dtype) == jnp.float32:
@@ -138,13 +133,8 @@ _ROOTS = (0x6A09E667, 0xBB67AE85, 0x3C6EF372, 0xA54FF53A, 0x510E527F, 0x9B05688C
 
 
 def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array | int, count: int) -> tuple[Array, ...]:
-    """`count` random words, uint32, in the shape of the member, if that is an array.
-
-    Args:
-        key: two or four words, uint32.
-        step, stage: of the run and in the step; scalars shared by all bodies.
-        member: the owner of the words, one number or an array of them. Calls with the same count give each member its
-            own numbers.
+    """`count` random words, uint32, for each member, from a key of two or four; step and stage are shared by all
+    members.
     """
     blocks = -(-count // 4)
     # Each of the two is mixed separately, then both together. XLA computes the part that depends only on the key before

@@ -240,13 +240,8 @@ def _contracted(moments: Array, u: cp.Vector) -> Array:
 
 
 class _Pair:
-    """Two bodies in the principal axes of the first one.
-
-    Attributes:
-        inverse: 1/r.
-        u: the unit vector from the first to the second.
-        v: the same vector in the principal axes of the second.
-        between: takes components in the axes of the second to components in the axes of the first.
+    """Two bodies in the principal axes of the first one, with the distance 1 / inverse along the unit vector u, which
+    is v in the axes of the second; `between` takes components in the axes of the second to those of the first.
     """
 
     def __init__(self, torque: MutualGravity, first: _Body, second: _Body):

@@ -333,9 +333,8 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
 
 
 def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Array]]:
-    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1.
-
-    The moments are in units of a power of two, the last result with its inverse, so their cubes stay within the range.
+    """The moments in ascending order in units of a power of two, the indices of their axes, 1 if these are
+    right-handed, else -1, and the unit with its inverse.
     """
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))

@@ -430,10 +430,7 @@ _MOST_ROUNDED = 1e-3  # the largest violation relative to the sum of the moments
 
 
 def made_flat(moments: Array, tolerance: float) -> Array:
-    """Moments (..., 3), with the largest lowered to the sum of the other two if rounding explains the excess.
-
-    The last digit that all have bounds the rounding of each. Violations up to the tolerance change nothing.
-    """
+    """Moments (..., 3), with the largest lowered to the sum of the others if rounding explains the excess."""
     if is_traced(moments):
         return moments
     rows = np.array(moments).reshape(-1, 3)

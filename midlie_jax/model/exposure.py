@@ -50,10 +50,7 @@ class InBody(NamedTuple):
 
 
 class InSpace(NamedTuple):
-    """The effect of noise in the space frame on a body: an `Exposure` without friction.
-
-    `thin` is whether the moment about the axis of symmetry is zero; there is then no noise about this axis.
-    """
+    """Noise in the space frame on a body; `thin` is whether its moment about the axis of symmetry is zero."""
 
     own: Exposure
     thin: Array | bool

@@ -14,12 +14,7 @@ from .rotor import SymmetricRotor
 
 
 class Momenta(NamedTuple):
-    """Momentum of a body that translates; also its velocity, or the torque and force on it.
-
-    Attributes:
-        angular: about the centre of mass, in the frame of the rotational state.
-        linear: in the space frame.
-    """
+    """Momentum, velocity or load of a body that translates: in the frame of the rotational state, and in space."""
 
     angular: Any
     linear: Any

@@ -61,10 +61,7 @@ class Inertia(NamedTuple):
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def tied(self) -> "Inertia":
-        """The same numbers, whose derivative is a function of the moments alone.
-
-        Otherwise a reverse derivative would compute a cotangent for each number in every step.
-        """
+        """The same numbers, of which a reverse derivative has cotangents for the moments alone."""
         return _tied(self.moments, self)
 
     def change(self, by: cp.Vector) -> "Inertia":

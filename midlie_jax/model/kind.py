@@ -102,10 +102,7 @@ class Kind:
         return self.of.unchecked(**{field.name: x for field, x in zip(fields(self.of), arrays, strict=True)})
 
     def sizes(self, difference: Any) -> tuple[Array, ...]:
-        """For a small difference of two states: the size of its momentum, and the size of the rest, in radians.
-
-        For a state that translates, the sizes of linear momentum and position follow.
-        """
+        """The sizes of the momentum and of the rest (radians) of a small difference of two states, for each leaf."""
         return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in self._arrays(difference)))
 
     def _arrays(self, state: Any) -> Iterable[tuple[type[Leaf], tuple[Array, ...]]]:
@@ -131,8 +128,7 @@ class Kind:
     def force_from(self, potential: Callable[[Any], Array], state: Any) -> Any:
         """The torque or force of a potential V(state) -> (), by automatic differentiation, as a torque returns it.
 
-        dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
-        is the transpose of `rate`, applied to the gradient.
+        dV/dt = gradient . rate(pose, velocity) = -torque . velocity: -torque is the transpose of `rate`.
         """
         momentum, pose = self.parts(state)
         gradient = jax.grad(lambda pose: potential(self.join(momentum, pose)))(pose)

@@ -21,13 +21,7 @@ _NAMED = 3  # the most edges or faces that a message names
 
 
 class Solid(NamedTuple):
-    """The interior of a closed surface, of density one.
-
-    Attributes:
-        volume: (), length^3.
-        centre: the centre of mass, (3,), length.
-        spread: the mean of y y^T over the volume, with y from the centre of mass, (3, 3), length^2.
-    """
+    """The interior of a closed surface: volume, centre of mass, and the mean of y y^T about it, (3, 3)."""
 
     volume: Array
     centre: Array
@@ -118,10 +112,7 @@ def _named(items: list[Any]) -> str:
 
 @cache
 def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`.
-
-    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere.
-    """
+    """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`."""
     k = 1
     while 20 * k * k < least:
         k += 1
@@ -306,10 +297,7 @@ def _azimuth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def open_sky(row: Any, direction: cp.Vector, normal: cp.Vector) -> Array:
-    """The fraction of a facet that sees a direction of any length above its plane, in the body frame.
-
-    `row` has the columns and the tables of the horizon: across, sharpness, top, and bottom unless it is None.
-    """
+    """The fraction of a facet that sees a direction above its plane; `row` has the columns and tables."""
     across, sharpness, *tables = row[0:3], *row[3:]
     x, y, z = cp.dot(across, direction), cp.dot(cp.cross(normal, across), direction), cp.dot(normal, direction)
     size = jnp.maximum(jnp.abs(x) + jnp.abs(y), _TINY)

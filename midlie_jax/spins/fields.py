@@ -254,11 +254,7 @@ Near = Callable[[int, int], cp.Vector]
 
 
 class NeighbourField(SpinField):
-    """Base class of fields of the neighbours along the axes of the lattice.
-
-    Attributes:
-        periodic: for each axis of the lattice, or for all, whether the first and the last spin are neighbours.
-    """
+    """Base class of fields of the neighbours along the axes of the lattice, each periodic or not."""
 
     periodic: eqx.AbstractVar[bool | tuple[bool, ...]]
 

@@ -65,10 +65,7 @@ class Warm(HeatBath):
 
 
 class BathOfBodies(HeatBath):
-    """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`.
-
-    `numbers` are the names of the fields of the rotation and of the translation.
-    """
+    """A bath that acts on the momenta of rigid bodies; `numbers` names the fields of rotation and translation."""
 
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
     numbers: ClassVar[tuple[str, ...]] = ()

@@ -26,10 +26,7 @@ _SLACK = 16.0  # rounding of a time, in units of eps
 
 
 class ByStep(Torque):
-    """Base class of functions of time, and torques, that have a constant value in each step of a run.
-
-    Called with a time, or with a time and a state, they return the value at that instant.
-    """
+    """Base class of functions of time, and torques, that have a constant value in each step of a run."""
 
     def __call__(self, t: Time, state: Any = None) -> Any:
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")

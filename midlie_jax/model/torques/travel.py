@@ -283,12 +283,7 @@ class Magnus(ReadsBody):
 
 
 class InAir(ReadsBody):
-    """Base class of forces of air or gas on a body with a given velocity, or with the velocity of its state.
-
-    Attributes:
-        velocity: of the body relative to the gas, space frame, (3,), or a function of time; None for the state's.
-        wind: with `velocity` None, the velocity of the gas, likewise; None for a gas at rest.
-    """
+    """Base class of forces of air or gas on a body with a given velocity, or with the velocity of its state."""
 
     velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
     wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
