@@ -27,17 +27,10 @@ def check_state(name: str, state: Any) -> None:
 def check_body(body: Any, state: AnyState) -> None:
     if not state.belongs_to(principal_of(body)):
         kind, rotation = state.body.__name__, getattr(state, "rotation", None)
-        if rotation is not None and isinstance(body, FreeBody):
-            of = rotation.body.__name__
-            made = f"FreeBody(midlie_jax.{of}(...), mass)"
-            raise ValueError(
-                f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a "
-                f"{body_named(body)}; make one with midlie_jax.{made}."
-            )
+        of = f" of a {rotation.body.__name__}" if rotation is not None and isinstance(body, FreeBody) else ""
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
-        cure = "" if own else f"; make one with {state.body.namespace}.{kind}"
-        cure = order_cure(body) or cure
-        raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
+        cure = order_cure(body) or ("" if own else f"; make one with {state.body.namespace}.{kind}")
+        raise ValueError(f"a {type(state).__name__} belongs to a {kind}{of}, but body is {body_named(body)}{cure}.")
 
 
 def check_custom(name: str, body: Any, state: AnyState) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_finite, as_floats, as_positive, require
+from ..._checks.arguments import as_finite, as_floats, as_not_negative, as_positive, require
 from ..._math import components as cp
 from ..._math import universal
 from ..._math.universal import Place
@@ -105,13 +105,13 @@ class KeplerOrbit(Orbit):
             ValueError: not exactly one of the alternatives, an element out of range or not finite; an inclination above
                 pi or another angle above 2 pi, such as one in degrees.
         """
-        mu, eccentricity = as_floats("mu", mu), as_floats("eccentricity", eccentricity)
-        sizes, places = (
-            (periapsis, semi_major_axis, semi_latus_rectum),
-            (time_of_periapsis, true_anomaly, mean_anomaly),
-        )
-        angles = (inclination, ascending_node, argument_of_periapsis)
-        position, velocity, time = of_elements(mu, eccentricity, sizes, angles, places, epoch)
+        mu, e = as_floats("mu", mu), as_not_negative("eccentricity", eccentricity, cure="check its sign.")
+        sizes = {"periapsis": periapsis, "semi_major_axis": semi_major_axis, "semi_latus_rectum": semi_latus_rectum}
+        size = _only_one(sizes, "the size of the orbit")
+        places = {"time_of_periapsis": time_of_periapsis, "true_anomaly": true_anomaly, "mean_anomaly": mean_anomaly}
+        place = _only_one(places, "where the body is")
+        angles = inclination, ascending_node, argument_of_periapsis
+        position, velocity, time = _of_elements(mu, e, *size, *place, angles, epoch)
         return cls(position, velocity, mu, time)
 
     def known(self) -> tuple[Array, Array]:
@@ -244,20 +244,13 @@ def _direction(v: cp.Vector) -> cp.Vector:
     return cp.scale(1 / jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)), v)
 
 
-_SIZES = ("periapsis", "semi_major_axis", "semi_latus_rectum")
 _ROUNDED = 1e-5  # radians by which an inclination may leave its range
-_PLACES = ("time_of_periapsis", "true_anomaly", "mean_anomaly")
+_ANGLES = "inclination", "ascending_node", "argument_of_periapsis"
 
 
-def of_elements(
-    mu: Array, eccentricity: Array, sizes: tuple[Any, ...], angles: tuple[Any, ...], places: tuple[Any, ...], epoch: Any
+def _of_elements(
+    mu: Array, e: Array, size_name: str, size: Array, place_name: str, place: Array, angles: Any, epoch: Any
 ) -> tuple[Array, Array, Array]:
-    e = eccentricity
-    require(
-        "eccentricity", e, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign."
-    )
-    size_name, size = _only_one(_SIZES, sizes, "the size of the orbit")
-    place_name, place = _only_one(_PLACES, places, "where the body is")
     if size_name == "semi_major_axis":
         fits = _pair(lambda a, e: (a * (1 - e) > 0) & (e != 1), e)
         cure = "a parabola has none: give periapsis."
@@ -282,13 +275,10 @@ def of_elements(
         time = epoch - place * (axis * jnp.sqrt(axis / mu))
     else:
         time = place
-    inclination, node, argument = (
-        as_finite(name, value)
-        for name, value in zip(("inclination", "ascending_node", "argument_of_periapsis"), angles, strict=True)
-    )
+    inclination, node, argument = map(as_finite, _ANGLES, angles)
     radians = "give radians, for example by np.deg2rad."
     require("inclination", inclination, _is_inclination, "must be between 0 and pi", radians)
-    for name, value in (("ascending_node", node), ("argument_of_periapsis", argument)):
+    for name, value in zip(_ANGLES[1:], (node, argument), strict=True):
         require(name, value, _within_a_turn, "must be between -2 pi and 2 pi", radians)
     q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
         *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
@@ -321,9 +311,9 @@ def _pair(holds: Any, e: Array) -> Any:
     return lambda x: True if cp.is_traced(e) else holds(x, np.asarray(e))
 
 
-def _only_one(names: tuple[str, ...], values: tuple[Any, ...], what: str) -> tuple[str, Array]:
-    given = [(name, value) for name, value in zip(names, values, strict=True) if value is not None]
+def _only_one(values: dict[str, Any], what: str) -> tuple[str, Array]:
+    given = [name for name, value in values.items() if value is not None]
     if len(given) != 1:
-        got = " and ".join(name for name, _ in given) or "none"
-        raise ValueError(f"exactly one of {', '.join(names)} must set {what}, got {got}; give one.")
-    return given[0][0], as_finite(*given[0])
+        got = " and ".join(given) or "none"
+        raise ValueError(f"exactly one of {', '.join(values)} must set {what}, got {got}; give one.")
+    return given[0], as_finite(given[0], values[given[0]])
