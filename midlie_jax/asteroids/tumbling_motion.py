@@ -59,9 +59,7 @@ class Tumble(NamedTuple):
             s is then the phase of the body with two axes reversed.
 
     Examples:
-        Toutatis on 8 December 1992 (Y. Takahashi, M. Busch, D. Scheeres, Astron. J. 146 (2013) 95), time in days:
-
-        >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])
+        >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])  # 8 December 1992 (Astron. J. 146 (2013) 95), days
         >>> rates, angles = jnp.deg2rad(jnp.array([[14.5, 33.7, -98.5], [147.5, 63.9, 241.5]]))
         >>> start = ml.RigidState(toutatis.momentum(rates), ml.so3.from_euler(angles, "ZXZ"))
         >>> found = ml.asteroids.tumble(toutatis, start)
