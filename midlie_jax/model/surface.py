@@ -329,7 +329,7 @@ class Surface(eqx.Module):
 
     def _inside(self) -> Solid:
         if self.solid is None:
-            raise ValueError("volume and inertia need a closed surface; this one has open panels.")
+            raise ValueError("volume and inertia need a closed surface, made of faces; this one has open panels.")
         return self.solid
 
     def _require_centred(self) -> None:
