@@ -81,7 +81,8 @@ def _check_points(masses: Array, places: Array) -> None:
         return
     heavy = np.asarray(places)[np.asarray(masses) > 0]
     if np.all(np.ptp(heavy, axis=0) <= cp.epsilon(places) * np.max(np.abs(heavy))):
-        raise ValueError(f"places must hold masses at two or more positions, got {len(heavy)}: use midlie_jax.Particles")
+        problem = f"places must hold masses at two or more positions, got {len(heavy)}"
+        raise ValueError(f"{problem}; use midlie_jax.Particles for point masses.")
 
 
 def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Array]:
