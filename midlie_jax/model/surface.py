@@ -117,7 +117,8 @@ class Surface(eqx.Module):
         areas = as_not_negative("areas", areas, cure="the normal defines the side of a facet.")
         normals, centroids = as_floats("normals", normals, (3,)), as_floats("centroids", centroids, (3,))
         if areas.ndim != 1 or not len(areas) or not normals.shape == centroids.shape == (*areas.shape, 3):
-            raise ValueError(f"areas must be (n,), not {areas.shape}; normals and centroids {areas.shape} + (3,).")
+            shapes = f"{areas.shape}, {normals.shape} and {centroids.shape}"
+            raise ValueError(f"areas must be (n,), normals and centroids (n, 3), got {shapes}.")
         same_dtype("areas", areas, normals=normals, centroids=centroids)
         require_rows("normals", normals, is_unit, "must be unit vectors", "divide them by their norms.")
         require_finite("centroids", centroids)

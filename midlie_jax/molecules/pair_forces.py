@@ -148,7 +148,7 @@ class PairForces(Torque):
         """The force on each site times the first edge by component, and energy and virial of each molecule; (N,)."""
         _check(state)
         if self.neighbours is None:
-            raise ValueError("PairForces must have neighbours; use molecules.integrate, or forces.listed(start).")
+            raise ValueError("PairForces need a list of neighbours; use molecules.integrate, or forces.listed(start).")
         return _sums(self, sites(state, self.points), single, with_energy)
 
 

@@ -45,7 +45,8 @@ def _since_j2000(epoch: Any) -> tuple[float, float]:
     if isinstance(epoch, int | float) and not isinstance(epoch, bool):
         days = float(epoch) - _JULIAN_OF_J2000
         if not abs(days) <= _YEARS * 365.25:
-            raise ValueError(f"epoch must be a Julian date from 1800 to 2200, got {shown(epoch)}; or is it modified?")
+            problem = f"must be a Julian date from 1800 to 2200, got {shown(epoch)}"
+            raise ValueError(f"epoch {problem}; add 2400000.5 to a modified one.")
         return days, 0.0
     if isinstance(epoch, datetime) and epoch.tzinfo is not None:
         epoch = epoch.astimezone(UTC).replace(tzinfo=None)

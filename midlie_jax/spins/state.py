@@ -143,7 +143,7 @@ class Spin(Flat, NoPose):
 
     @staticmethod
     def to_body(owner: Any, pose: tuple[()], vector: cp.Vector) -> cp.Vector:
-        raise ValueError("a SpinState has no body frame for a torque; give a field, as in midlie_jax.spins.")
+        raise ValueError("a SpinState has no body frame for a torque; give a field, such as spins.AppliedField.")
 
     @staticmethod
     def normalised(*arrays: Array) -> tuple[Array, ...]:
@@ -211,7 +211,7 @@ class SpinState(State):
 
     def __init__(self, spin: Any):
         self.spin = as_finite("spin", spin, (3,))
-        require("spin", self.spin, is_unit, "must be unit vectors", "put their magnitude into the energy.")
+        require("spin", self.spin, is_unit, "must be unit vectors", "divide it by its norm.")
 
     @property
     def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -18,7 +18,7 @@ from ..wrench import Wrench
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
-always = property(lambda self: True)  # of a torque with this fact
+always: Any = property(lambda self: True)  # a fact of every torque of a class
 
 
 class Torque(eqx.Module, metaclass=BriefHelp):
