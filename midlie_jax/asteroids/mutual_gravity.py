@@ -27,7 +27,6 @@ from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.state import AnyState, Time
 from ..model.states import CoupledState
-from ..model.torques.base import always
 from ..model.torques.reads_body import ReadsBody
 from ..model.wrench import Wrench
 
@@ -82,7 +81,9 @@ class MutualGravity(ReadsBody):
     fourth: Float[Array, "*batch 3 3 3 3"] | None
     degree: int = eqx.field(static=True)
 
-    keeps_total_momentum = always
+    @property
+    def keeps_total_momentum(self) -> bool:
+        return True
 
     def __init__(self, G: Any, *, degree: int = 2, third: Any = None, fourth: Any = None):
         if degree not in _DEGREES:
@@ -96,7 +97,9 @@ class MutualGravity(ReadsBody):
         self.third = None if third is None else _moments("third", third, 3)
         self.fourth = None if fourth is None else _moments("fourth", fourth, 4)
 
-    gravitational = always
+    @property
+    def gravitational(self) -> bool:
+        return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         bodies = self._bodies(state, body)

@@ -14,7 +14,6 @@ from .._math import components as cp
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time, require_all_directions
-from ..model.torques.base import always
 from ..model.torques.reads_body import ReadsBody
 from ..model.torques.travel import G_TIMES_MASS, travelling
 from ..model.wrench import Wrench
@@ -54,7 +53,9 @@ class SolarTide(ReadsBody):
         self.orbit, self.mu = orbit, as_positive("mu", mu, cure=G_TIMES_MASS)
         check_units(orbit, self.mu)
 
-    gravitational = always
+    @property
+    def gravitational(self) -> bool:
+        return True
 
     def _local(self, t: Time) -> tuple[Array, cp.Vector]:
         """mu/d^3 and u."""
@@ -121,9 +122,13 @@ class TidalDissipation(ReadsBody):
         self.G = as_positive("G", G)  # pyright: ignore[reportConstantRedefinition]
         self.lag, self.radius = as_not_negative("lag", lag, cure="0 is elastic."), as_positive("radius", radius)
 
-    velocity_dependent = always
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
 
-    keeps_total_momentum = always
+    @property
+    def keeps_total_momentum(self) -> bool:
+        return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         state, body = require_coupled(self, state, body)

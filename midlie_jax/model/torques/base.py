@@ -18,9 +18,6 @@ from ..wrench import Wrench
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
-always: Any = property(lambda self: True)  # a fact of every torque of a class
-
-
 class Torque(eqx.Module, metaclass=BriefHelp):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 

@@ -10,7 +10,7 @@ from jax import Array
 from ..._checks.arguments import require_function
 from ..._math import components as cp
 from ..state import Time
-from .base import Torque, TorqueLike, always, on_body, potential_of, velocity_dependent, without_gravity
+from .base import Torque, TorqueLike, on_body, potential_of, velocity_dependent, without_gravity
 from .reads_body import ReadsBody
 
 
@@ -107,7 +107,9 @@ class VelocityDependent(Torque):
     def __call__(self, t: Time, state: Any) -> Any:
         return self.function(t, state)
 
-    velocity_dependent = always
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
 
     def on(self, body: Any) -> Torque:
         return VelocityDependent(on_body(self.function, body))

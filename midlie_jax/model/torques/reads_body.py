@@ -12,7 +12,7 @@ from ..._checks.arguments import as_not_negative, require_function
 from ..._math import components as cp
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
-from .base import Torque, always, no_potential
+from .base import Torque, no_potential
 
 
 class ReadsBody(Torque):
@@ -44,7 +44,9 @@ class ReadsVelocity(ReadsBody):
                 "midlie_jax.spins.Spins(damping=...)."
             )
 
-    velocity_dependent = always
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
 
 
 def knows_axis_alone(state: AnyState) -> bool:

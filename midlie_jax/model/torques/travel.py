@@ -30,7 +30,7 @@ from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
-from .base import Torque, always
+from .base import Torque
 from .fields import to_body_components
 from .reads_body import ReadsBody, angular_velocity_of
 
@@ -54,7 +54,9 @@ def acts_on_one(torque: Any) -> ValueError:
 
 
 class _Gravity(ReadsBody):
-    gravitational = always
+    @property
+    def gravitational(self) -> bool:
+        return True
 
 
 class UniformGravity(_Gravity):
@@ -138,7 +140,9 @@ class PointMass(_Gravity):
     mu: Float[Array, "*batch"]
     gradient: bool = eqx.field(static=True)
 
-    keeps_total_momentum = always
+    @property
+    def keeps_total_momentum(self) -> bool:
+        return True
 
     def __init__(self, mu: Any, *, gradient: bool = True):
         self.gradient = gradient
@@ -273,7 +277,9 @@ class Magnus(ReadsBody):
         self.strength = as_finite("strength", strength)
         self.wind = None if wind is None else as_function_of_time("wind", wind)
 
-    velocity_dependent = always
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         state, body = travelling(self, state, body)
