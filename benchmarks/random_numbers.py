@@ -9,7 +9,7 @@ longer if they are added to the momentum, and in brackets the share of the step 
 tops, move in chunks of 256; the least time of runs that take turns. `fused` computes the numbers in the loop of the
 step, `apart` in a loop of their own before it.
 
-words: those of `midlie_jax/_math/counter.py` without end, in one of the orders in which they are used: `steps` is one
+words: those of `midlie_jax/_math/normals.py` without end, in one of the orders in which they are used: `steps` is one
 body step by step; `bodies` is 256 bodies side by side, whose keys JAX has split, step by step; `seeds` is the first
 step of bodies whose keys are 0, 1, 2, ...; `high` is the same with the digits of the key reversed, so that the highest
 change first; `members` is that of the members 0, 1, 2, ... of one body; `stages` is sixteen stages in each step.
@@ -30,7 +30,7 @@ from jax import Array
 
 import midlie_jax as ml
 from midlie_jax._math import normals
-from midlie_jax._math.counter import words
+from midlie_jax._math.normals import words
 from midlie_jax._xla.compiler import tuned_jit
 from midlie_jax._xla.fusion import split
 from midlie_jax.advice.timing import Stopwatch

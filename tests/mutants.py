@@ -29,21 +29,21 @@ MUTANTS = {
     "force of J2": ("model/torques/travel.py", "(15 «-→+» 105 * s2) * square, of_u", "paths -k slope"),
     "mutual potential": ("asteroids/mutual_gravity.py", "total + 0.«1→»25 * weight", "mutual_gravity paths -k slope"),
     "gravity gradient": (
-        *("spacecraft/gravity_gradient.py", "return «3→2» * self.mu * inverse * inverse"),
+        *("spacecraft/disturbances.py", "return «3→2» * self.mu * inverse * inverse"),
         "torques orbits api_examples",
     ),
-    "rod": ("molecules/rod_torque.py", "cp.scale(«0.5→1.0», cp.cross(lever, rodrigues))", "paths -k slope"),
+    "rod": ("molecules/rods.py", "cp.scale(«0.5→1.0», cp.cross(lever, rodrigues))", "paths -k slope"),
     "Dzyaloshinskii-Moriya": (
-        *("spins/neighbours.py", "cp.«subtract→add»(near(axis, 1), near(axis, -1))"),
+        *("spins/fields.py", "cp.«subtract→add»(near(axis, 1), near(axis, -1))"),
         "paths -k slope",
     ),
     "eddy currents": (
-        *("spacecraft/eddy_currents.py", "cp.cross(«self._times(induced), field→field, self._times(induced)»)"),
+        *("spacecraft/disturbances.py", "cp.cross(«self._times(induced), field→field, self._times(induced)»)"),
         "sunlight -k eddy",
     ),
-    "sunlight": ("asteroids/sunlight.py", "«2 * →»surface.areas * specular", "sunlight api_examples"),
+    "sunlight": ("asteroids/brightness.py", "«2 * →»surface.areas * specular", "sunlight api_examples"),
     "thin gas": (
-        *("spacecraft/free_molecular_drag.py", "(thermal * thermal) «/ 2 →»* z"),
+        *("spacecraft/disturbances.py", "(thermal * thermal) «/ 2 →»* z"),
         "surface sunlight api_examples",
     ),
     "points": (

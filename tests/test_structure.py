@@ -104,7 +104,13 @@ def test_a_run_imports_only_the_state_the_method_and_the_torque_that_it_reads():
     )
     loaded = set(printed(code).split())
     lazy = (
-        *("model.states.rigid", "model.torques.travel", "model.orbits.kepler", "model.baths.recoil", "model.densities"),
+        *(
+            "model.states.rigid",
+            "model.torques.travel",
+            "model.orbits.kepler",
+            "model.baths.langevin",
+            "model.densities",
+        ),
         *("model.surface", "integrators.registry", "integrators.flights", "integrators.schemes"),
         *("integrators.runge_kutta", "drivers.observe.spectra"),
     )

@@ -155,7 +155,7 @@ def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
         shapes = {tuple(map(int, found.split(","))) for found in re.findall(r"\w\d\d\[([\d,]+)\]", text)}
         assert not [shape for shape in shapes if bodies in shape and np.prod(shape) > 24 * bodies]
         assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
-        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,11]" in b]
+        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,12]" in b]
         assert max(loops) == most
 
 
@@ -343,8 +343,8 @@ WRONG = [
     (lambda: gas(1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE), "acts on a body that translates"),
     (lambda: eddies([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), READINGS),
     (lambda: eddies([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE), READINGS),
-    (lambda: eddies([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
-    (lambda: eddies(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
+    (lambda: eddies([1.0, -1.0, 0.0], ONE), "tensor must not be negative"),
+    (lambda: eddies(np.diag([1.0, -1.0, 0.0]), ONE), "(?s)tensor must be positive semi-definite.*eigenvalue -1"),
     (lambda: eddies([1.0, 2.0], ONE), "tensor must be"),
 ]
 

@@ -15,7 +15,7 @@ from midlie_jax.cli.scenes import Scene
 from midlie_jax.model import torques
 from midlie_jax.model.orbits import KeplerOrbit
 from midlie_jax.model.states import AxisState, FreeState, RigidState
-from midlie_jax.spacecraft.gravity_gradient import GravityGradient
+from midlie_jax.spacecraft.disturbances import GravityGradient
 
 # ---- what must be known of a kind of state ----
 

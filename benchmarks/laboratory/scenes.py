@@ -16,7 +16,7 @@ from midlie_jax.model.free_body import FreeBody
 from midlie_jax.model.rotor import SymmetricRotor
 from midlie_jax.model.states import AxisState, FreeState
 from midlie_jax.model.torques import HeavyTop, PointMass
-from midlie_jax.spacecraft.gravity_gradient import GravityGradient
+from midlie_jax.spacecraft.disturbances import GravityGradient
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,4 @@
-"""Euler angles of rotations, by one formula for JAX and for NumPy in float64.
-
-R = R_i(a) R_j(b) R_k(c): rotations about axes of the body, each after the earlier ones.
-"""
+"""Euler angles of R = R_i(a) R_j(b) R_k(c), each about axes of the body, for JAX and for NumPy in float64."""
 
 from typing import Any
 
@@ -27,12 +24,8 @@ def as_sequence(name: str, value: object) -> str:
 
 
 def angles_of(r: Any, sequence: str, xp: Any) -> tuple[Any, Any, Any, Any]:
-    """The angles a, b and c, and whether the first and the last axis of rotation are parallel, so that c is 0.
-
-    Args:
-        r: the entries of the matrices, (3, 3, ...).
-        sequence: three letters, the axes i, j and k.
-        xp: `numpy` or `jax.numpy`.
+    """The angles a, b and c, and whether the first and the last axis of rotation are parallel, so that c is 0; from the
+    entries of the matrices, (3, 3, ...), by `numpy` or `jax.numpy`.
     """
     i, j, last = map("XYZ".index, sequence)
     k, sign = 3 - i - j, 1 if (j - i) % 3 == 1 else -1
@@ -57,10 +50,7 @@ def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.nd
 
 
 def matrices_of(quaternions: np.ndarray) -> np.ndarray:
-    """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first, in float64.
-
-    Quaternions in float32 are unit quaternions only to rounding; their length is divided out.
-    """
+    """The matrices (n, 3, 3) of quaternions (n, 4), scalar first, in float64; their length is divided out."""
     quaternions = np.asarray(quaternions, np.float64)
     quaternions = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
     w, x, y, z = np.moveaxis(quaternions, -1, 0)

@@ -1,9 +1,4 @@
-"""Newton's method for three equations in three unknowns, for the implicit methods and flights.
-
-The number of iterations is fixed, so the solve can be fused into the loop of the step. `newton` differentiates the root
-by the implicit function theorem (`lax.custom_root`), in forward and reverse mode and to any order; the iterations are
-never differentiated.
-"""
+"""Newton's method for three equations, in a fixed number of iterations, so that it fuses into a step."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,9 +16,8 @@ Residual = Callable[[cp.Vector], cp.Vector]
 def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: bool = False) -> tuple[cp.Vector, Array]:
     """A root by Newton's method, and the largest magnitude of the residual there.
 
-    The Jacobian comes from automatic differentiation: four evaluations of the residual per iteration. The implicit
-    methods use this function because their residual can contain the user's torque. The iterations run in a separate
-    loop unless `unrolled`; five copies of a residual with a torque would take minutes to compile.
+    The Jacobian comes from automatic differentiation. The iterations run in a separate loop unless `unrolled`; five
+    copies of a residual with a torque would take minutes to compile.
     """
 
     def improve(x: cp.Vector) -> cp.Vector:
@@ -57,7 +51,6 @@ def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x
 
 
 def _solve_linear(linear: Callable[[Any], Any], right: Any) -> Any:
-    """The solution x of linear(x) = right, a linear system with three unknowns."""
     one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])
     columns = (linear((one, zero, zero)), linear((zero, one, zero)), linear((zero, zero, one)))
     return cp.Inverse3.of(columns).times(right)

@@ -1,13 +1,14 @@
-"""Normal random numbers by counter, which fuse into a step.
+"""Normal random numbers by counter: a function of a key and of the position at which the numbers are used.
 
-Two words make two numbers: a radius and a point on the circle (G. Box and M. Muller, A note on the generation of random
-normal deviates, 1958). Logarithm, root, sine and cosine are bit operations and short polynomials. XLA would end a loop
-at a true root or logarithm that is used twice, and a division or a sine costs as much as all of this.
+A body draws the same numbers in any batch, and a resumed run those of an uninterrupted run. Two words make two numbers,
+a radius and a point on the circle (G. Box and M. Muller, 1958), by bit operations and short polynomials: XLA would end
+a loop at a true root or logarithm that is used twice. All is computed in float32, whose relative errors of 2e-7 shift
+the variance by less than 1e-7. Compilers differ in the last places, in contracting products and sums.
 
-Everything is computed in float32: relative errors of 2e-7 shift the variance by less than 1e-7, which no run can
-detect, and float64 runs have the same noise as float32 runs. The words are the same on every machine and in every
-program. The numbers can differ in the last places of float32, because compilers differ in contracting products and
-sums.
+The words are mixed as in pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU rendering, J. Comput. Graph. Tech.
+9(3), 2020). pcg4d itself is too weak for keys, because its low output bits do not depend on the highest input bits.
+Here words are folded first, and the result last; each input bit then changes each output bit with probability 1/2.
+`benchmarks/random_numbers.py` feeds statistical tests, and times other generators.
 """
 
 import math
@@ -20,20 +21,10 @@ import numpy as np
 from jax import Array
 
 from .._xla.fusion import split
-from .counter import words
 
 # Minimax polynomials, lowest power first. Near zero, to rounding: -log(1 + x)/x for sqrt(1/2) <= 1 + x <= sqrt(2), to
 # 1.7e-7; 1/sqrt(1 - x) for |x| <= 0.07, to 2.3e-8.
-LOGARITHM = (
-    -0.99999994,
-    0.50000364,
-    -0.3333506,
-    0.24969909,
-    -0.19900166,
-    0.1725083,
-    -0.16222578,
-    0.101068906,
-)
+LOGARITHM = (-0.99999994, 0.50000364, -0.3333506, 0.24969909, -0.19900166, 0.1725083, -0.16222578, 0.101068906)
 ROOT = (1.0, 0.49999833, 0.37500072, 0.31393936, 0.27403697)
 # cos a and sin(a)/a in powers of a^2, for |a| <= pi/4, to 2.8e-8; sqrt(2) sin(a)/a for |a| <= pi/2, to 6e-9.
 COSINE = (1.0, -0.49999857, 0.041655026, -0.0013585909)
@@ -51,13 +42,8 @@ def normals(
 ) -> tuple[Array, ...]:
     """`count` independent standard normal numbers; none exceeds 6.56, beyond which the normal distribution has 5e-11.
 
-    Args:
-        key: the words of `jax.random.key_data`: two or four, uint32.
-        counter: the indices of the step, of the stage in the step, and of the member body; an array of members gives
-            each its own numbers.
-        count: their number.
-        dtype: float32, or float64, which gets the same numbers. They are then a separate loop, because a float32 vector
-            holds twice as many numbers as the vectors of the rest of the step.
+    The counter has the indices of the step, of the stage in the step, and of the member body, or an array of members.
+    In float64 they are the same numbers, in a separate loop, because a float32 vector holds twice as many.
     """
     numbers = of_words(words(key, *counter, count + count % 2), count)
     if jnp.dtype(dtype) == jnp.float32:
@@ -140,3 +126,47 @@ def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     for c in reversed(lower):
         value = value * x + np.float32(c)
     return value
+
+
+# Words without a pattern: the fractional parts of the square roots of the first primes, as in SHA-2.
+_ROOTS = (0x6A09E667, 0xBB67AE85, 0x3C6EF372, 0xA54FF53A, 0x510E527F, 0x9B05688C, 0x1F83D9AB, 0x5BE0CD19)
+
+
+def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array | int, count: int) -> tuple[Array, ...]:
+    """`count` random words, uint32, for each member, from a key of two or four; step and stage are shared by all
+    members.
+    """
+    blocks = -(-count // 4)
+    # Each of the two is mixed separately, then both together. XLA computes the part that depends only on the key before
+    # the loop over steps; the part that does not depend on the body costs nothing in a loop over bodies. The constants
+    # come first, because `_mix` does not change two leading words of zero, and key 0 has no others.
+    a, b, c, d = (*map(_word, _ROOTS[len(key) : 4]), *key)
+    own = _mix(_fold(a), _fold(b), _fold(c), _fold(d))
+    place = _mix(*_mix(*map(_fold, (_word(_ROOTS[6]), _word(_ROOTS[7]), _word(step), _word(stage)))))
+    result: list[Array] = []
+    for block in range(blocks):
+        row = _word(member) * _word(blocks) + _word(block)
+        # Odd multiples, so that the words differ from row to row, and not only in their highest bits.
+        rows = (_fold(row * _word(root | 1)) for root in _ROOTS[:4])
+        x, y, z, w = (k ^ (p + r) for k, p, r in zip(own, place, rows, strict=True))
+        result += _mix(x, y, z, w)
+    return tuple(result[:count])
+
+
+def _word(x: Array | int) -> Array:
+    return jax.lax.convert_element_type(x, jnp.uint32) if isinstance(x, Array) else jnp.asarray(np.uint32(x))
+
+
+def _fold(x: Array) -> Array:
+    return x ^ (x >> _word(16))
+
+
+def _mix(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
+    """A permutation of all blocks of four words."""
+    for _ in range(2):
+        x = x + y * w
+        y = y + z * x
+        z = z + x * y
+        w = w + y * z
+        x, y, z, w = _fold(x), _fold(y), _fold(z), _fold(w)
+    return x, y, z, w

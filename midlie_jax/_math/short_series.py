@@ -1,10 +1,7 @@
 """Trigonometric functions of small angles as short polynomials, which fuse into a step.
 
-On a CPU, float64 sin and cos take several times the run time of the rest of a step, and they do not vectorise. A step
-rotates a body by a small angle, and for half the angle short polynomials in its square are exact to rounding. The
-quaternion of the whole rotation is the square of the quaternion of half the rotation.
-
-The polynomials are economised Taylor polynomials: subtracting a Chebyshev polynomial removes each of the highest powers
+On a CPU, float64 sin and cos take several times the run time of the rest of a step, and do not vectorise. The
+polynomials are economised Taylor polynomials: subtracting a Chebyshev polynomial removes each of the highest powers
 (Lanczos, Applied Analysis, 1956, chapter VII). Two or three terms fewer then have the same error.
 """
 

@@ -1,14 +1,11 @@
 """Kepler's equation in universal variables: one formula for ellipses, parabolas and hyperbolas, without branches.
 
-Lengths are in units of the distance of the periapsis q, times in units of sqrt(q^3 / mu). With alpha = 1/a = 1 - e,
-which is negative on a hyperbola, the universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k
-c_k(alpha s^2), with Stumpff's c_k, are cos and sin, or cosh and sinh, or powers of s. An ellipse has s = E /
-sqrt(alpha).
+Lengths are in units of the distance of the periapsis q, times in units of sqrt(q^3 / mu). With alpha = 1/a = 1 - e, the
+universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k c_k(alpha s^2), with Stumpff's c_k, are
+cos and sin, or cosh and sinh, or powers of s. After the first guess there is no division, at which XLA would end a
+loop.
 
-After the first guess there is no division, at which XLA would end a loop and repeat the series in the next.
-
-R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), sections 4.5 and 4.6; K. Stumpff,
-Himmelsmechanik I (1959), chapter 5.
+R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), sections 4.5 and 4.6.
 """
 
 from math import factorial
@@ -34,10 +31,10 @@ class Powers(NamedTuple):
 
 
 def powers(alpha: Array, s: Array) -> Powers:
-    """The functions U_k at s: short series for s / 16, doubled four times.
+    """The functions U_k at s: short series for s / 16, doubled four times, without a division.
 
-    The doubling formulas contain no division, and no difference for negative alpha. There the relative error equals the
-    error of s; on an ellipse it is a few eps of 1 / sqrt(alpha)^k.
+    For negative alpha there is no difference either, and the relative error equals the error of s; on an ellipse it is
+    a few eps of 1 / sqrt(alpha)^k.
     """
     short = s / 2**_HALVINGS
     square = short * short

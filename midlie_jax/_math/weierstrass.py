@@ -60,8 +60,6 @@ def _product(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 class _Pair(NamedTuple):
-    """A function of v of the form even + wp'(v) odd, where `even` and `odd` are polynomials in p, g2 and g3."""
-
     even: Polynomial
     odd: Polynomial
 
@@ -212,7 +210,6 @@ def _horner(table: Any, x: tuple[Array, ...]) -> Any:
 
 
 def step_tables(radius: float, eps: float) -> tuple[Any, Any, Any]:
-    """The coefficients of S, W and the odd part of F, as nested tuples: by powers of g3, then g2, then p."""
     s, w, odd = (_table(coefficients, which, radius, eps) for which in range(3))
     return s, w, odd
 

@@ -6,9 +6,7 @@ first to the second, d = a - b for a point a of the first and b of the second bo
     V = -G sum_n 1/r^(n+1) <<|d|^n P_n(u . d/|d|)>>,
 
 where <<>> is the sum over all pairs of points, each with the product of its masses. Terms of one body alone hold its
-moments of degree n; the only other term up to degree 4 is the product of both bodies' moments of degree 2. All terms
-are written in the frame of the first body. The torque on the second body follows from the conservation of the total
-angular momentum.
+moments of degree n; the only other term up to degree 4 is the product of both bodies' moments of degree 2.
 
 The moments of a homogeneous ellipsoid: MacMillan, The Theory of the Potential (1930); the expansion: Tricarico, Celest.
 Mech. Dyn. Astron. 100 (2008) 319.
@@ -38,7 +36,6 @@ Matrix = tuple[cp.Vector, cp.Vector, cp.Vector]  # rows
 
 
 def require_coupled(torque: ReadsBody, state: Any, body: Any) -> tuple[CoupledState, FreeBody]:
-    """State and body; raises unless they are of coupled bodies that translate, with all three moments."""
     name = type(torque).__name__
     if not isinstance(state, CoupledState) or not isinstance(body, FreeBody):
         raise ValueError(
@@ -92,9 +89,7 @@ class MutualGravity(ReadsBody):
         if degree not in _DEGREES:
             raise ValueError(f"degree must be one of {_DEGREES}, got {degree!r}.")
         if (degree < 3 and third is not None) or (degree < 4 and fourth is not None):
-            raise ValueError(
-                f"moments of degree 3 or 4 are given, but degree={degree} does not use them; give degree=4."
-            )
+            raise ValueError(f"moments of degree 3 or 4 need degree=4; degree={degree} does not use them.")
         if degree == 3 and third is None:
             raise ValueError("degree=3 needs the moments of degree 3 as third=; otherwise use degree=2.")
         self.G = as_positive("G", G)  # pyright: ignore[reportConstantRedefinition]
@@ -107,7 +102,6 @@ class MutualGravity(ReadsBody):
         return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         bodies = self._bodies(state, body)
         zero = jnp.zeros_like(bodies[0].position[0])
         torques = [(zero, zero, zero)] * len(bodies)
@@ -121,7 +115,6 @@ class MutualGravity(ReadsBody):
         return Wrench(jnp.stack([*map(cp.pack, torques)]), jnp.stack([*map(cp.pack, forces)]))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         pairs = [_Pair(self, *two).potential() for two in combinations(self._bodies(state, body), 2)]
         return sum(pairs[1:], start=pairs[0])
 
@@ -129,9 +122,7 @@ class MutualGravity(ReadsBody):
         state, body = require_coupled(self, state, body)
         count = state.count
         if not 2 <= count <= _MOST:
-            raise ValueError(
-                f"MutualGravity acts on 2 to {_MOST} bodies, got {count}; for more write a torque on arrays."
-            )
+            raise ValueError(f"MutualGravity acts on 2 to {_MOST} bodies, got {count}; for more write a torque.")
         for name in ("third", "fourth"):
             moments = getattr(self, name)
             if moments is not None and moments.shape[0] != count:
@@ -149,9 +140,7 @@ def _moments(name: str, value: Any, degree: int) -> Array:
             if not np.allclose(
                 numbers, np.swapaxes(numbers, axis, axis + 1), rtol=1e-5, atol=1e-5 * np.abs(numbers).max()
             ):
-                raise ValueError(
-                    f"{name} must be symmetric in its last {degree} axes; integrate x_i x_j ... over the mass."
-                )
+                raise ValueError(f"{name} must be symmetric in its last {degree} axes; integrate x_i x_j ... .")
     return moments
 
 
@@ -159,7 +148,6 @@ class _Body(NamedTuple):
     """One body, in its principal axes.
 
     Attributes:
-        mass, position: of the body.
         attitude: takes components in the principal axes to space.
         second: the moments of degree 2, the integrals of x_i^2; trace is their sum.
         third, fourth: moments of higher degree, in the frame of the user, or None.
@@ -197,11 +185,9 @@ class _Body(NamedTuple):
     ) -> "list[tuple[int, float, Array, cp.Vector]]":
         """The terms of this body alone: degree, factor, <|x/r|^n P_n> without the factor, and its gradient with u.
 
-        Args:
-            u: the unit vector between the bodies, in the principal axes of this one.
-            inverse: 1/r. It multiplies the moments, because their powers alone may exceed the range of the dtype.
-            degree: the last degree.
-            sign: 1 for the first body, whose points have d = a; -1 for the second.
+        u is the unit vector between the bodies, in the principal axes of this one. `inverse`, 1/r, multiplies the
+        moments, because their powers alone may exceed the range of the dtype. For the first body, sign is 1 and d = a;
+        for the second -1.
         """
         square = inverse * inverse
         terms = list[tuple[int, float, Array, cp.Vector]]()
@@ -257,13 +243,8 @@ def _contracted(moments: Array, u: cp.Vector) -> Array:
 
 
 class _Pair:
-    """Two bodies in the principal axes of the first one.
-
-    Attributes:
-        inverse: 1/r.
-        u: the unit vector from the first to the second.
-        v: the same vector in the principal axes of the second.
-        between: takes components in the axes of the second to components in the axes of the first.
+    """Two bodies in the principal axes of the first one, with the distance 1 / inverse along the unit vector u, which
+    is v in the axes of the second; `between` takes components in the axes of the second to those of the first.
     """
 
     def __init__(self, torque: MutualGravity, first: _Body, second: _Body):
@@ -318,11 +299,8 @@ class _Pair:
         """The term of degree 4 with the second moments A, B of both bodies, without the factor 1/8.
 
         It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u; here
-        with moments per mass and r^2, which are dimensionless.
-
-        Returns:
-            The term, its gradient with u, and its derivative with a rotation of the first body; in the axes of the
-            first.
+        with moments per mass and r^2. Also its gradient with u, and its derivative with a rotation of the first body,
+        in whose axes all are.
         """
         square = self.inverse * self.inverse
         factors = [square * cp.reciprocal(body.mass) for body in (self.first, self.second)]
@@ -356,7 +334,6 @@ def _slope(degree: int, value: Array, u: cp.Vector, gradient: cp.Vector) -> cp.V
 
 
 def _turned(q: cp.Quaternion, diagonal: cp.Vector) -> Matrix:
-    """C D C^T, for the rotation matrix C of q and a diagonal matrix D."""
     rows = cp.columns(cp.conjugate(q))
     scaled = [cp.times(row, diagonal) for row in rows]
     xx, yy, zz = (cp.dot(rows[i], scaled[i]) for i in range(3))

@@ -131,7 +131,6 @@ class TidalDissipation(ReadsBody):
         return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         state, body = require_coupled(self, state, body)
         n = state.count
         lags, radii = (self._each(name, n) for name in ("lag", "radius"))

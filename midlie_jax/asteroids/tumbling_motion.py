@@ -1,10 +1,6 @@
-"""Tumbling bodies: conversion between light-curve parameters (periods, pole, phases) and a state.
+"""Tumbling bodies: conversion between light-curve parameters (periods, pole, phases) and a state; see `Tumble`.
 
-A free body whose momentum is not along a principal axis rotates with two periods. In the body frame, the momentum
-circles the axis of the largest moment (the short axis) or the axis of the smallest moment (the long axis). These are
-the short-axis mode (SAM) and the long-axis mode (LAM); the time of one circuit is the *rotation period*. In the space
-frame, both axes circle the momentum, each with its own mean *precession period*. In a rotation period the short axis
-makes one more circuit than the long axis, in either mode. A published pair of periods may mean either.
+In a rotation period the short axis makes one more circuit than the long axis, in either mode.
 
 L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha, M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen,
 Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173 (2005) 108 and 233 (2014) 48.
@@ -22,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from .._checks.arguments import as_finite, as_floats, as_positive, require, shown
 from .._math import components as cp
-from .._math.complete import amplitude, complete, fraction_of
+from .._math.elliptic import amplitude, complete, fraction_of
 from .._math.powers import unit as power_of_two
 from ..drivers.observe.observables import QUANTITIES
 from ..model import so3
@@ -48,9 +44,6 @@ class Tumble(NamedTuple):
     - The *phases* (s, phi): s is the share of the rotation period since L had no component along the middle axis and
       positive ones along the other two; phi is the angle about the pole.
 
-    Published Euler angles and rates need no conversion to phases: `RigidState(body.momentum(rates),
-    so3.from_euler(angles, "ZXZ"))`, with angles of body axes 3, 1, 3 and rates about body axes, in radians.
-
     Attributes:
         short_axis: whether the momentum circles the axis of the largest moment; otherwise the axis of the smallest.
         energy_ratio: 2 E Ic / |L|^2, the energy relative to a rotation about the short axis with the same momentum, at
@@ -66,16 +59,7 @@ class Tumble(NamedTuple):
             s is then the phase of the body with two axes reversed.
 
     Examples:
-        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
-        >>> found = ml.asteroids.tumble(body, ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0]))
-        >>> found.short_axis_period.round(3), found.long_axis_period.round(3)
-        (Array(3.887, dtype=float64), Array(6.227, dtype=float64))
-        >>> found.pole.round(4)
-        Array([0.0797, 0.0398, 0.996 ], dtype=float64)
-
-        Toutatis on 8 December 1992 (Y. Takahashi, M. Busch, D. Scheeres, Astron. J. 146 (2013) 95), time in days:
-
-        >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])
+        >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])  # 8 December 1992 (Astron. J. 146 (2013) 95), days
         >>> rates, angles = jnp.deg2rad(jnp.array([[14.5, 33.7, -98.5], [147.5, 63.9, 241.5]]))
         >>> start = ml.RigidState(toutatis.momentum(rates), ml.so3.from_euler(angles, "ZXZ"))
         >>> found = ml.asteroids.tumble(toutatis, start)
@@ -150,11 +134,9 @@ def tumbling(
 ) -> RigidState:
     """The initial state of a free body that tumbles with given periods, as known from light curves.
 
-    The rotation period is the time of one circuit of the momentum in the body frame, a precession period the mean time
-    of one circuit of an axis about the momentum in space. The momentum in the body frame starts where its component
-    along the axis of the middle moment is zero and the other two are positive. Free motion then advances it by s
-    rotation periods. The attitude is a product of three rotations: the smallest that takes this direction to z, a
-    rotation by phi about z, and the smallest that takes z to the pole.
+    `Tumble` defines periods and phases. The momentum in the body frame starts where s is zero, and free motion advances
+    it by s rotation periods. The attitude is a product of three rotations: the smallest that takes this direction to z,
+    a rotation by phi about z, and the smallest that takes z to the pole.
 
     Differentiable with respect to all numbers, including the body's; `midlie_jax.asteroids.tumble` is the inverse.
 
@@ -245,7 +227,6 @@ class _ImpossibleError(ValueError):
 def _start_of(
     principal: RigidBody, frame: Any, wanted: Array, rotation: Array, pole: Array, s: Array, phi: Array, short: bool
 ) -> tuple[Array, Array]:
-    """The momentum and the attitude of `tumbling`, of checked arguments; `short` is static."""
     moments, order, sign, largest = _sorted(principal)
     i1, i2, i3 = moments if short else moments[::-1]
     shape = _shape_with((i1, i2, i3), wanted, jnp.asarray(short))
@@ -350,10 +331,8 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
 
 
 def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Array]]:
-    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1.
-
-    The moments are in units of a power of two (the last result, with its inverse), so their cubes stay within the range
-    of the dtype.
+    """The moments in ascending order in units of a power of two, the indices of their axes, 1 if these are
+    right-handed, else -1, and the unit with its inverse.
     """
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
@@ -377,7 +356,6 @@ def _least_turns(moments: cp.Vector, short: bool) -> Any:
 
 
 def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> str:
-    """The mode; a ValueError if it does not allow these periods, or if both modes do and none is named."""
     if mode is not None and mode not in _MODES:
         raise ValueError(f'mode must be "short", "long" or None, got {shown(mode)}.')
     if cp.is_traced(moments, turns):

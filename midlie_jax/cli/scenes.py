@@ -23,7 +23,7 @@ from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, CoupledState, FreeState, RigidState
 from ..model.torques import DipoleInField, HeavyTop, Oblateness, PointMass, Prescribed, UniformGravity
 from ..molecules.rods import straight_rod
-from ..spacecraft.gravity_gradient import GravityGradient
+from ..spacecraft.disturbances import GravityGradient
 from .scene import Scene as Scene
 from .scene import perturbed as perturbed
 from .scene_forces import WATER, Blades, PairPotential, Pulse, Waters

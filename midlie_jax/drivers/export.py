@@ -13,7 +13,7 @@ from .._lazy import classes_below
 from ..integrators.base import Progress
 from ..model.free_body import Momenta, Place
 from ..model.kind import Kind
-from ..model.states.compensated import CompensatedPose
+from ..model.states.rigid import CompensatedPose
 from ..model.wrench import Wrench
 from .path import Path
 from .results import RESULTS

@@ -1,7 +1,4 @@
-"""Bodies: the inertia of rigid bodies and particles. `states/` holds their configuration and momentum.
-
-Every kind of body converts momentum to velocity (`velocity`) and velocity to momentum (`momentum`).
-"""
+"""Bodies: the inertia of rigid bodies and particles; `states/` holds their configuration and momentum."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -16,10 +13,10 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
 from .._checks.brief_help import BriefHelp
 from .._math import components as cp
+from .._math.components import is_traced
 from .._math.powers import unit as power_of_two
-from . import masses, so3
+from . import so3
 from .inertia import Inertia
-from .rounded import made_flat
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
@@ -30,20 +27,11 @@ _RANGE_EXPONENT = 0.8
 
 
 def require_within_range(name: str, value: Any, units: str) -> None:
-    """Raises unless moments or masses leave room for the intermediate results of the methods.
-
-    Args:
-        units: the units named in the remedy.
-    """
+    """Raises unless moments or masses leave room for the intermediate results; the remedy names the units."""
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
     cure = in_wider(value.dtype, f"use other units of {units}")
-    require_rows(
-        name,
-        value,
-        lambda x: (x >= smallest) & (x <= 1 / smallest),
-        f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}",
-        cure,
-    )
+    problem = f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}"
+    require_rows(name, value, lambda x: (x >= smallest) & (x <= 1 / smallest), problem, cure)
 
 
 def _triangle(moments: Any) -> Any:
@@ -162,27 +150,15 @@ class RigidBody(Body):
         # checks below, whose message names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
-        require_rows(
-            "moments",
-            self.moments,
-            masses.is_positive,
-            "must be positive and finite",
-            cure
-            or cure_of(
-                self.moments,
-                "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)",
-            ),
-        )
+        other = "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)"
+        cure_of_sign = cure or cure_of(self.moments, other)
+        require_rows("moments", self.moments, is_positive, "must be positive and finite", cure_of_sign)
         require_within_range("moments", self.moments, "mass or length")
         if physical:
             self.moments = made_flat(self.moments, _TRIANGLE_TOLERANCE)
-            require_rows(
-                "moments",
-                self.moments,
-                _triangle,
-                "are unphysical: the largest must not exceed the sum of the other two",
-                cure or "check the moments, or pass physical=False to allow moments that no real body has.",
-            )
+            problem = "are unphysical: the largest must not exceed the sum of the other two"
+            cure = cure or "check the moments, or pass physical=False to allow moments that no real body has."
+            require_rows("moments", self.moments, _triangle, problem, cure)
 
     @classmethod
     def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:
@@ -216,7 +192,7 @@ class RigidBody(Body):
 
     def is_possible(self) -> Array:
         moments = jax.lax.stop_gradient(self.moments)
-        possible = masses.all_positive(moments)
+        possible = all_positive(moments)
         return possible & jnp.all(_triangle(moments)) if self.physical else possible
 
     @property
@@ -311,7 +287,23 @@ class TensorBody(Body):
         return so3.rotate(so3.conjugate(self.frame), vector)
 
 
-class Particles(Body):
+class Unturned(Body):
+    """A body without rotation, which is the constants of its own runs."""
+
+    def inertia(self) -> Any:
+        return self
+
+    def commutator(self, force: Any) -> Any:
+        return jax.tree.map(jnp.zeros_like, force)
+
+    def square_of_turn(self, h: Array | float, momentum: Any) -> Array:
+        return h * self.nutation(momentum)
+
+    def nutation(self, momentum: Any) -> Array:
+        return jnp.zeros((), jax.tree.leaves(momentum)[0].dtype)
+
+
+class Particles(Unturned):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
     The nodes of a deformable solid are also particles: positions (n, 3), masses (n, 1), and forces equal to minus the
@@ -346,47 +338,116 @@ class Particles(Body):
     mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n 1"] | Float[Array, "1 n"] | Float[Array, "n n"]
 
     def __init__(self, mass: Any):
-        self.mass = masses.checked(as_floats("mass", mass))
-
-    def inertia(self) -> "Particles":
-        return self
+        self.mass = _checked_mass(as_floats("mass", mass))
 
     def is_possible(self) -> Array:
         """A matrix that is not positive definite has no Cholesky factor."""
-        return masses.all_positive(jnp.diag(self.mass) if masses.is_matrix(self.mass) else self.mass)
+        return all_positive(jnp.diag(self.mass) if is_matrix(self.mass) else self.mass)
 
     def check_shape(self, name: str, shape: tuple[int, ...], batch: int) -> None:
-        masses.check_fits(self.mass, f"{name}.position", shape[batch:])
+        _check_fits(self.mass, f"{name}.position", shape[batch:])
 
     def velocity(self, momentum: Array) -> Array:
         """The velocity u' = M^-1 p."""
-        masses.check_fits(self.mass, "momentum", jnp.shape(momentum))
+        _check_fits(self.mass, "momentum", jnp.shape(momentum))
         if self.mass.shape == (1, 1):
             return momentum / self.mass[0, 0] / self.mass[0, 0]  # the factor is the root of the mass
-        if masses.is_matrix(self.mass):
+        if is_matrix(self.mass):
             return jax.scipy.linalg.cho_solve((self.mass, True), momentum)
         return momentum / self.mass
 
     def momentum(self, velocity: Array) -> Array:
         """The momentum p = M u'."""
-        masses.check_fits(self.mass, "velocity", jnp.shape(velocity))
+        _check_fits(self.mass, "velocity", jnp.shape(velocity))
         if self.mass.shape == (1, 1):
             return self.mass[0, 0] * (self.mass[0, 0] * velocity)
-        if masses.is_matrix(self.mass):
+        if is_matrix(self.mass):
             return self.mass @ (self.mass.T @ velocity)
         return self.mass * velocity
-
-    def commutator(self, force: Array) -> Array:
-        """Zero: the axes of the components of a force do not rotate, unlike the axes of a rigid body."""
-        return jnp.zeros_like(force)
-
-    def square_of_turn(self, h: Array | float, momentum: Array) -> Array:
-        return h * jnp.zeros((), momentum.dtype)
-
-    def nutation(self, momentum: Array) -> Array:
-        return jnp.zeros((), momentum.dtype)
 
 
 def principal_of(body: Any) -> Any:
     """The body in its principal axes; any other value unchanged."""
     return body.in_principal_axes() if isinstance(body, Body) else body
+
+
+def is_positive(numbers: np.ndarray) -> Any:
+    return np.isfinite(numbers) & (numbers > 0)
+
+
+def all_positive(numbers: Array) -> Array:
+    numbers = jax.lax.stop_gradient(numbers)
+    return jnp.all(jnp.isfinite(numbers) & (numbers > 0))
+
+
+def is_matrix(mass: Array) -> bool:
+    return mass.ndim == 2 and mass.shape[0] == mass.shape[1]
+
+
+def _checked_mass(mass: Array) -> Array:
+    """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged."""
+    if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
+        raise ValueError(f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; use jax.vmap.")
+    if not is_matrix(mass):
+        require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
+        return mass
+    require_finite("mass", mass)
+    require("mass", mass, lambda m: np.allclose(m, m.T, rtol=1e-6), "must be symmetric", "pass (M + M.T) / 2.")
+    factor = jnp.linalg.cholesky(mass)
+    if not cp.is_traced(factor) and not np.all(np.isfinite(factor)):
+        raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
+    return factor
+
+
+def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
+    """Raises unless the mass, as stored by `Particles`, belongs to one array of this shape and name in one way only."""
+    form, values = mass.shape, f"{name} of shape {shape}"
+    if is_matrix(mass):
+        if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
+            raise ValueError(
+                f"body.mass must have one row per coordinate if it is a matrix, got {form} for {values}. Flatten the "
+                "state to one axis."
+            )
+        return
+    if not _broadcasts(form, shape):
+        cure = f"give one mass (), or one for each coordinate {shape}"
+        if len(shape) > 1:
+            column, row = (shape[-2], 1), (1, shape[-1])
+            cure = f"give one mass (), one for each particle, which is a row, {column}, or one for each column {row}"
+        raise ValueError(f"body.mass {form} does not fit {values}; {cure}.")
+    if len(form) == 1 and form[0] > 1 and form[0] in shape[:-1]:
+        raise ValueError(
+            f"body.mass must be a column or a row for {values}, got {form}. Write mass[:, None] for one mass per "
+            "particle, or mass[None, :]."
+        )
+
+
+def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))
+
+
+_MOST_ROUNDED = 1e-3  # the largest violation relative to the sum of the moments, for any number of digits
+
+
+def made_flat(moments: Array, tolerance: float) -> Array:
+    """Moments (..., 3), with the largest lowered to the sum of the others if rounding explains the excess."""
+    if is_traced(moments):
+        return moments
+    rows = np.array(moments).reshape(-1, 3)
+    total = rows.sum(axis=1)
+    excess = 2 * rows.max(axis=1) - total
+    changed = False
+    for i in np.flatnonzero((excess > tolerance * total) & (excess <= _MOST_ROUNDED * total)):
+        row = rows[i]
+        if excess[i] <= 1.5 * 1.001 * min(map(_last_digit, row)):
+            largest = int(np.argmax(row))
+            row[largest] = 0
+            row[largest] = row.sum()
+            changed = True
+    return jnp.asarray(rows.reshape(moments.shape)) if changed else moments
+
+
+def _last_digit(number: np.floating) -> float:
+    """One unit in the last digit of the shortest decimal representation of a number."""
+    mantissa, _, exponent = np.format_float_scientific(number, trim="-").partition("e")
+    return 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))

@@ -1,7 +1,4 @@
-"""Checks that a body, a state and a torque are valid and compatible, made before tracing.
-
-Every function raises a ValueError that names the argument.
-"""
+"""Checks that a body, a state and a torque are valid and compatible, made before tracing."""
 
 from dataclasses import fields
 from typing import Any
@@ -18,7 +15,6 @@ from .torques import Torque, terms_of
 
 
 def check_state(name: str, state: Any) -> None:
-    """Raises unless the argument is a state whose arrays have the same leading axes."""
     if not isinstance(state, State):
         raise ValueError(f"{name} must be a state such as midlie_jax.RigidState, got {described(state)}.")
     for field in fields(state):
@@ -29,27 +25,16 @@ def check_state(name: str, state: Any) -> None:
 
 
 def check_body(body: Any, state: AnyState) -> None:
-    """Raises unless the body is of the kind to which the state belongs."""
     if not state.belongs_to(principal_of(body)):
         kind, rotation = state.body.__name__, getattr(state, "rotation", None)
-        if rotation is not None and isinstance(body, FreeBody):
-            of = rotation.body.__name__
-            made = f"FreeBody(midlie_jax.{of}(...), mass)"
-            raise ValueError(
-                f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a "
-                f"{body_named(body)}; make one with midlie_jax.{made}."
-            )
+        of = f" of a {rotation.body.__name__}" if rotation is not None and isinstance(body, FreeBody) else ""
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
-        cure = "" if own else f"; make one with {state.body.namespace}.{kind}"
-        cure = order_cure(body) or cure
-        raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
+        cure = order_cure(body) or ("" if own else f"; make one with {state.body.namespace}.{kind}")
+        raise ValueError(f"a {type(state).__name__} belongs to a {kind}{of}, but body is {body_named(body)}{cure}.")
 
 
 def check_custom(name: str, body: Any, state: AnyState) -> None:
-    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses.
-
-    The kinds of this package are not checked, because their constructors check them.
-    """
+    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses."""
     package = __name__.split(".")[0]
     own = all(type(x).__module__.split(".")[0] == package for x in (body, state))
     if own or state.own_axes != 1 or state.several:
@@ -92,12 +77,10 @@ def order_cure(body: Any) -> str:
 
 
 def body_named(body: Any) -> str:
-    """Class of a body for messages, with the class of the rotating part if it translates."""
     return f"FreeBody of a {type(body.body).__name__}" if isinstance(body, FreeBody) else described(body)
 
 
 def check_torque(torque: Any) -> None:
-    """Raises unless the torque, or each term of a sum, is None or callable with a time and a state."""
     if torque is not None and not callable(torque):
         cure = " Pass a heat bath as bath=." if isinstance(torque, HeatBath) else ""
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.{cure}")
@@ -116,10 +99,7 @@ def check_torque(torque: Any) -> None:
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
-    """Raises unless the state has `batch` leading axes, and the body at most as many.
-
-    Particles have positions of any shape; the mass must belong to these positions in exactly one way.
-    """
+    """Raises unless the state has `batch` leading axes, and the body at most as many."""
     if not state.own_axes:
         body.check_shape(name, state.momentum.shape, batch)
         return
@@ -128,10 +108,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
         return
     momentum, axes_of_momentum = state.momentum.shape, len(state.batch)
     moments = "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
-    shapes = (
-        (moments, (*body.batch, 3), len(body.batch), 0),
-        (f"{name}.momentum", momentum, axes_of_momentum, batch),
-    )
+    shapes = ((moments, (*body.batch, 3), len(body.batch), 0), (f"{name}.momentum", momentum, axes_of_momentum, batch))
     for argument, shape, axes, least in shapes:
         if not least <= axes <= batch:
             wanted, cure = (
@@ -154,6 +131,4 @@ def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
     shape = body.batch
     if shape and (shape[-1] != count or len(shape) > 1 + batch):
         wanted = f"() or ({count},)" + (f" or (n, {count})" if batch else "")
-        raise ValueError(
-            f"body holds {shape} bodies, but {name} holds N = {count} bodies; give a body with leading axes {wanted}."
-        )
+        raise ValueError(f"body holds {shape} bodies, but {name} holds N = {count}; give leading axes {wanted}.")

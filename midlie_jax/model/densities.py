@@ -11,11 +11,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, vector_at
+from .._checks.arguments import as_floats, as_positive, vector_at
 from .._math import components as cp
 from .state import AnyState, Time
 from .torques import TorqueLike
@@ -23,21 +22,12 @@ from .torques import TorqueLike
 DensityLike = Callable[[Any, Any], Array]
 
 
-def _positive(name: str, value: Any) -> Array:
-    array = as_floats(name, value)
-    require(name, array, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its sign and units.")
-    return array
-
-
 class OrbitalDistance(eqx.Module):
     """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
-    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
-
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of rotation
-    by the gravity gradient. Far out on an eccentric orbit or a hyperbola, the rotation of the body sets the time scale.
-    There, steps proportional to r^(3/2) would be too long, so no step exceeds `longest` times the step at the
-    reference. Where (reference / r)^power is twice 1 / longest, this changes the step by 2 %.
+    by the gravity gradient. Far out the rotation of the body sets the time scale, so no step exceeds `longest` times
+    the step at the reference.
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.
@@ -63,12 +53,11 @@ class OrbitalDistance(eqx.Module):
 
     def __init__(self, orbit: Callable[[Any], Array], reference: Any, power: float = 1.5, longest: Any = 16.0):
         self.orbit = orbit
-        self.reference = _positive("reference", reference)
+        self.reference = as_positive("reference", reference)
         self.power = float(power)
-        self.longest = _positive("longest", longest)
+        self.longest = as_positive("longest", longest)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        del state
         position = cp.vector(vector_at("orbit", self.orbit, t))
         x, y, z = (p / self.reference for p in position)
         nearness = 1 / (x * x + y * y + z * z)
@@ -78,8 +67,6 @@ class OrbitalDistance(eqx.Module):
 
 class TorqueSize(eqx.Module):
     """((|T|^2 + floor^2) / reference^2)^(power / 2), where T is a torque.
-
-    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
     With the default power 1/2 the density is proportional to sqrt(|T|), as is sqrt(|T| / I), the rate at which a torque
     rotates a body with moment of inertia I from rest.
@@ -109,8 +96,8 @@ class TorqueSize(eqx.Module):
 
     def __init__(self, torque: TorqueLike, reference: Any, floor: Any, power: float = 0.5):
         self.torque = torque
-        self.reference = _positive("reference", reference)
-        self.floor = _positive("floor", floor)
+        self.reference = as_positive("reference", reference)
+        self.floor = as_positive("floor", floor)
         self.power = float(power)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
@@ -122,8 +109,6 @@ class TorqueSize(eqx.Module):
 
 class Spin(eqx.Module):
     """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps rotate by similar angles.
-
-    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
     Attributes:
         moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states use other axes.
@@ -146,11 +131,10 @@ class Spin(eqx.Module):
 
     def __init__(self, moments: Any, reference: Any, floor: Any):
         self.moments = as_floats("moments", moments, (3,))
-        self.reference = _positive("reference", reference)
-        self.floor = _positive("floor", floor)
+        self.reference = as_positive("reference", reference)
+        self.floor = as_positive("floor", floor)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        del t
         momentum, moments = cp.vector(state.momentum), cp.vector(self.moments)
         x, y, z = (p / i / self.reference for p, i in zip(momentum, moments, strict=True))
         floor = self.floor / self.reference

@@ -29,9 +29,8 @@ _SHORT = 1e-3  # below, (1 - exp(-x))/x uses the first terms of its series
 class Exposure(NamedTuple):
     """The effect of a bath on one vector in a given time: a change by -lost vector + spread noise.
 
-    Attributes:
-        lost: 1 - exp(-G I^-1 h): three numbers of a diagonal matrix, or three rows; None without friction.
-        spread: the matrix S in the same form, for kT = 1 unless it includes the temperature.
+    `lost` is 1 - exp(-G I^-1 h), three numbers of a diagonal matrix or three rows, or None without friction. `spread`
+    is the matrix S in the same form, for kT = 1 unless it includes the temperature.
     """
 
     lost: Any
@@ -51,12 +50,7 @@ class InBody(NamedTuple):
 
 
 class InSpace(NamedTuple):
-    """The effect of noise in the space frame on a body.
-
-    Attributes:
-        own: an `Exposure` without friction, in the space frame.
-        thin: whether the moment about the axis of symmetry is zero; there is then no noise about this axis.
-    """
+    """Noise in the space frame on a body; `thin` is whether its moment about the axis of symmetry is zero."""
 
     own: Exposure
     thin: Array | bool
@@ -68,9 +62,8 @@ class PreparedBath(NamedTuple):
     Attributes:
         root: the function of time sqrt(kT), or None if the exposures include the temperature.
         key: two or four words, uint32, of the random key.
-        exposures: the effect of the bath, or a function of time that returns it: for a scheme by the coefficient of the
-            stage, in the form of the momentum; or whatever a method makes of the frictions. Arrays may have an axis
-            (N,) of coupled bodies.
+        exposures: the effect of the bath by the coefficient of the stage, in the form of the momentum, or a function of
+            time that returns it; or whatever a method makes of the frictions. Arrays may have an axis (N,).
         member: the index of the body among coupled bodies: all indices (N,), or one.
         step: the index of the step, or None outside a step.
     """
@@ -93,7 +86,6 @@ class PreparedBath(NamedTuple):
         return self._replace(member=i)
 
     def at(self, t: Array) -> Any:
-        """The exposures at a time, of this member if it is one of several."""
         found = self.exposures(t) if callable(self.exposures) else self.exposures
         i = self.member
         return jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, found) if isinstance(i, int) else found
@@ -134,17 +126,16 @@ def root_of(square: Array) -> Array:
 
 
 def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | None, time: Array, root: Any) -> Any:
-    """The effect of a bath on a body in a time, in the form of its momentum.
+    """The effect of a bath on a body in principal axes in a time, in the form of its momentum.
 
-    Args:
-        body: in principal axes.
-        frame: the quaternion from principal components to the user's, or None.
-        friction, linear_friction: numbers (), (..., 3) or tensors (..., 3, 3) in the user's frame.
-        time: ().
-        root: sqrt(kT), a factor of every spread; or None.
+    `frame` is the quaternion from principal components to the user's, or None. The frictions are numbers (), (..., 3)
+    or tensors (..., 3, 3) in the user's frame. `root` is sqrt(kT), a factor of every spread; or None.
     """
     turning: Any = body.turning
-    moments = cp.vector(turning.moments) if not isinstance(turning, SymmetricRotor) else _moments_of(turning)
+    if isinstance(turning, SymmetricRotor):
+        moments = turning.moment, turning.moment, turning.known_along
+    else:
+        moments = cp.vector(turning.moments)
     angular = _exposure(in_principal_axes(friction, frame), moments, time, root)
     if not isinstance(body, FreeBody):
         return angular
@@ -155,10 +146,7 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
 
 
 def kicks(body: Body, diffusion: Array, linear_diffusion: Array | None, time: Array) -> Any:
-    """The effect of noise with a diffusion of momentum in the space frame, in the form of the momentum.
-
-    Noise that is equal in all directions is the same in the body frame.
-    """
+    """The effect of noise with a diffusion of momentum in the space frame, in the form of the momentum."""
     turning: Any = body.turning
     angular: Any = _kick(diffusion, time)
     if isinstance(turning, SymmetricRotor):
@@ -178,12 +166,7 @@ def _kick(diffusion: Array, time: Array) -> Exposure:
     return Exposure(None, tuple(root_of(2 * time * d) for d in each))
 
 
-def _moments_of(rotor: SymmetricRotor) -> cp.Vector:
-    return rotor.moment, rotor.moment, rotor.known_along
-
-
 def in_principal_axes(friction: Array, frame: Any) -> Array:
-    """A tensor in principal axes; any other form of friction unchanged."""
     if frame is None or friction.shape[-2:] != (3, 3):
         return friction
     axes = so3.to_matrix(cp.pack(frame))
@@ -191,7 +174,6 @@ def in_principal_axes(friction: Array, frame: Any) -> Array:
 
 
 def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Exposure:
-    """The exposure of a vector with these moments, or with the mass three times."""
     if friction.shape[-2:] == (3, 3):
         lost, spread = _of_tensor(friction, cp.pack(moments), time)
         spread = spread if root is None else root * spread
@@ -222,9 +204,9 @@ def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Arr
 def _functions(matrix: Array, time: Array) -> tuple[Array, Array]:
     """1 - exp(-A t) and sqrt(1 - exp(-2 A t)) of symmetric matrices A, (..., 3, 3), with no negative eigenvalue.
 
-    The derivative of eigenvectors is infinite where two eigenvalues agree, as for every sphere. The derivative of a
-    function of the matrix is finite: in the basis of eigenvectors, its entries are the entries of dA times the divided
-    differences of the function (Daleckii and Krein 1965; Higham, Functions of Matrices, theorem 3.11).
+    The derivative of eigenvectors is infinite where two eigenvalues agree. That of a function of the matrix is finite:
+    in the basis of eigenvectors, the entries of dA times the divided differences of the function (Daleckii and Krein
+    1965; Higham, Functions of Matrices, theorem 3.11).
     """
     values, vectors = _eigen(matrix)
     lost, spread = _of_values(values, time)
@@ -249,7 +231,6 @@ def _functions_jvp(primals: Any, tangents: Any) -> Any:
 
 @jax.custom_jvp
 def symmetric_root(matrix: Array) -> Array:
-    """The symmetric square root of symmetric matrices, (..., 3, 3), with no negative eigenvalue."""
     values, vectors = _eigen(matrix)
     return _from_values(vectors, root_of(values))
 

@@ -1,4 +1,4 @@
-"""Shared code for forces on facets and for their brightness: directions, numbers per facet, and sums."""
+"""What forces on facets and their brightness share: directions, numbers per facet, and sums."""
 
 import warnings
 from collections.abc import Callable
@@ -6,27 +6,18 @@ from functools import reduce
 from typing import Any, cast
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require, vector_at
+from .._checks.arguments import as_floats, as_function_of_time, as_not_negative, described, is_unit, require, vector_at
 from .._math import components as cp
-from .horizon import open_sky
+from .polyhedra import open_sky
 from .state import AnyState, Time, require_all_directions
 from .surface import Surface
 
 Direction = Array | Callable[[Any], Array]
 
 
-def as_surface(value: Any) -> Surface:
-    """The argument `surface`; a ValueError for any other value."""
-    if not isinstance(value, Surface):
-        raise ValueError(f"surface must be a midlie_jax.Surface, got {described(value)}.")
-    return value
-
-
 def as_direction(name: str, value: Any) -> Direction:
-    """A unit vector (..., 3), or a function of time unchanged."""
     direction = as_function_of_time(name, value)
     if not callable(direction):
         cure = "divide it by its norm; give a position as a function of time."
@@ -34,47 +25,34 @@ def as_direction(name: str, value: Any) -> Direction:
     return direction
 
 
-def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
-    """The unit vector in space, as components; the value of a function is normalised."""
-    if not callable(direction):
-        return cp.vector(direction)
-    vector = cp.vector(vector_at(name, direction, t))
-    return cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector)
-
-
 def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
-    """The unit vector in body components; a ValueError if the state does not hold it."""
-    if callable(direction):
-        require_all_directions(state)
-    return state.seen_from_body(directed(name, direction, t))
+    """The unit vector in body components; the value of a function is normalised."""
+    if not callable(direction):
+        return state.seen_from_body(cp.vector(direction))
+    vector = cp.vector(vector_at(name, direction, t))
+    return require_all_directions(state).seen_from_body(cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector))
 
 
 def as_fractions(name: str, value: Any) -> Array:
-    """A number between 0 and 1, or one for each facet."""
     fraction = as_floats(name, value)
     require(name, fraction, lambda x: (x >= 0) & (x <= 1), "must be between 0 and 1", "give a fraction.")
     return fraction
 
 
 def of_facets(name: str, value: Array, surface: Surface) -> Array:
-    """A number for each facet, (n,), from one for all or one for each."""
     if value.shape not in ((), (surface.count,)):
         raise ValueError(f"{name} must be () or ({surface.count},), one for each facet, got {value.shape}.")
     return jnp.broadcast_to(value, (surface.count,))
 
 
 def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
-    """A nonnegative number, or a function of time unchanged."""
-    if callable(value):
-        return cast(Callable[[Any], Array], value)
-    amount = as_floats(name, value)
-    require(name, amount, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its units.")
-    return amount
+    return cast(Callable[[Any], Array], value) if callable(value) else as_not_negative(name, value)
 
 
-def as_lit_surface(value: Any) -> Surface:
+def as_lit_surface(surface: Any) -> Surface:
     """The argument `surface`; with a warning if its facets should shadow each other, but do not."""
-    surface = as_surface(value)
+    if not isinstance(surface, Surface):
+        raise ValueError(f"surface must be a midlie_jax.Surface, got {described(surface)}.")
     if surface.corners is not None and surface.horizon is None and not cp.is_traced(surface) and not surface.is_convex:
         warnings.warn(
             "this surface is not convex, but its facets do not shadow each other; use surface.with_shadows().",
@@ -101,5 +79,4 @@ def unshadowed(row: Any, columns: int, *directions: cp.Vector) -> Array | float:
 
 
 def lit(cosine: Array) -> Array:
-    """The cosine where it is positive, else zero, with derivative zero."""
     return jnp.where(cosine > 0, cosine, jnp.zeros_like(cosine))

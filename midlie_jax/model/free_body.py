@@ -9,18 +9,12 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
 from . import so3
-from .bodies import Body, RigidBody, TensorBody, require_within_range
-from .masses import all_positive, is_positive
+from .bodies import Body, RigidBody, TensorBody, all_positive, is_positive, require_within_range
 from .rotor import SymmetricRotor
 
 
 class Momenta(NamedTuple):
-    """Momentum of a body that translates; also its velocity, or the torque and force on it.
-
-    Attributes:
-        angular: about the centre of mass, in the frame of the rotational state.
-        linear: in the space frame.
-    """
+    """Momentum, velocity or load of a body that translates: in the frame of the rotational state, and in space."""
 
     angular: Any
     linear: Any
@@ -34,8 +28,6 @@ class Place(NamedTuple):
 
 
 class FreeInertia(NamedTuple):
-    """Constants of a run: the constants of the rotation, and 1 / mass."""
-
     rotation: Any
     per_mass: Array
 
@@ -43,7 +35,6 @@ class FreeInertia(NamedTuple):
         return Momenta(self.rotation.velocity(momentum.angular), cp.scale(self.per_mass, momentum.linear))
 
     def commutator(self, force: Momenta) -> Momenta:
-        """Zero for the force, whose axes do not rotate."""
         return Momenta(self.rotation.commutator(force.angular), cp.scale(0, force.linear))
 
     def square_of_turn(self, h: Any, momentum: Momenta) -> Array:
@@ -138,9 +129,7 @@ class FreeBody(Body):
         """
         parts = [tuple(part) for part in parts]
         if not parts or not {len(part) for part in parts} <= {3, 4}:
-            raise ValueError(
-                "parts must be one or more tuples (body, mass, position) or (body, mass, position, attitude)."
-            )
+            raise ValueError("parts must be one or more (body, mass, position) or (body, mass, position, attitude).")
         tensors, masses, places = zip(*(_part(f"parts[{i}]", *part) for i, part in enumerate(parts)), strict=True)
         mass, place = jnp.stack(masses), jnp.stack(places)
         total = jnp.sum(mass)

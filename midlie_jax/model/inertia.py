@@ -1,4 +1,4 @@
-"""`Inertia`: the principal moments of a rigid body, and constants of the flights, computed once per run."""
+"""`Inertia`: the principal moments of a rigid body, and constants of the flights."""
 
 from typing import Any, NamedTuple
 
@@ -45,7 +45,6 @@ class Inertia(NamedTuple):
 
     @classmethod
     def of(cls, body: Any) -> "Inertia":
-        """The inertia of a body with principal `moments`, (..., 3)."""
         a, b, c = moments = cp.vector(body.moments)
         largest = cp.largest(moments)
         per_unit = 1 / largest
@@ -62,14 +61,10 @@ class Inertia(NamedTuple):
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def tied(self) -> "Inertia":
-        """The same numbers, whose derivative is a function of the moments alone.
-
-        Otherwise a reverse derivative would compute a cotangent for each number in every step.
-        """
+        """The same numbers, of which a reverse derivative has cotangents for the moments alone."""
         return _tied(self.moments, self)
 
     def change(self, by: cp.Vector) -> "Inertia":
-        """The tangent for a tangent of the moments."""
         (a, b, c), (da, db, dc), unit = self.moments, by, self.per_unit
         one, zero = jnp.ones_like(a), jnp.zeros_like(a)
         first = jnp.where((a >= b) & (a >= c), one, zero)
@@ -97,24 +92,22 @@ class Inertia(NamedTuple):
         )
 
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
-        """(h |Omega|)^2 at the start, and its largest value for a single small root of a midpoint flight.
+        """(h |Omega|)^2 at the start, for y = `travel(h, momentum)`, and its largest value for one small root of a
+        midpoint flight.
 
-        y is `travel(h, momentum)`. If the momentum lies close to the thin axis of a slender body, the body starts with
-        many rotations per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search
-        found such cases at h |Omega| above 30 radians.
+        In many rotations per step about the thin axis of a slender body, several rotations may satisfy a midpoint rule;
+        a numerical search found such cases at h |Omega| above 30 radians.
         """
         turn = cp.times(self.spins, y)
         return cp.dot(turn, turn), _LARGEST_START**2
 
     def velocity(self, momentum: cp.Vector) -> cp.Vector:
-        """The angular velocity I^-1 Pi."""
         return cp.times(self.inverses, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
         """I^-1 T x T, the rate of change of the components of a torque T under rotation with the velocity I^-1 T.
 
-        Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. Computed from the difference of the inverse moments it
-        is exactly zero where I_j = I_k; as a difference of products it would be zero only up to rounding.
+        Computed from the difference of the inverse moments it is exactly zero where two moments agree.
         """
         return self.gyroscopic(-1, force)
 
@@ -129,12 +122,10 @@ class Inertia(NamedTuple):
         )
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """|h Omega|^2, the squared rotation angle in a short time h."""
         turn = cp.scale(h, self.velocity(momentum))
         return cp.dot(turn, turn)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """|Pi| over the mean of the two moments that are closest to each other."""
         moments = jnp.sort(cp.pack(self.moments))
         low, middle, high = cp.vector(moments)
         mean = jnp.where(middle - low < high - middle, low + middle, middle + high) / 2

@@ -28,8 +28,6 @@ class Kind:
     With two leaves, momenta, velocities and forces are a `Momenta`, poses and increments a `Place`.
 
     Attributes:
-        of: the class of the states.
-        leaves: their leaves.
         several: whether momentum and pose hold coupled bodies.
         apart: whether a torque is evaluated on arrays and compiled separately from the step.
         constant_steps: for states that only drivers with constant steps move, what they hold, such as "spins".
@@ -56,7 +54,6 @@ class Kind:
 
     @property
     def rotation(self) -> "Kind | None":
-        """The rotation of a body that also translates; otherwise None."""
         return Kind(self.of, self.leaves[:1]) if len(self.leaves) > 1 else None
 
     @property
@@ -66,17 +63,14 @@ class Kind:
 
     def of_run(self, state: Any, torque: Traits | None) -> "Kind":
         """The form in which a run moves this state under a torque with these traits."""
-        del state, torque
         return self
 
     def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:
-        """The constants of the body, and the quaternion of its frame, in the form of the momentum."""
         return inertia, frame
 
     # Shapes
 
     def check_shapes(self, shapes: dict[str, tuple[int, ...]]) -> None:
-        """Raises a ValueError unless the arrays of a state, with these shapes, have the same batch axes."""
         same_batch(shapes, self.of.own_axes)
 
     def batch_of(self, body: Any) -> tuple[int, ...]:
@@ -86,25 +80,20 @@ class Kind:
     # Components and arrays
 
     def parts(self, state: Any) -> tuple[Any, Any]:
-        """(momentum, pose) of a state."""
         pairs = [(leaf.components(momentum), leaf.pose(*pose)) for leaf, (momentum, *pose) in self._arrays(state)]
         return pairs[0] if len(pairs) == 1 else both(*pairs)
 
     def join(self, momentum: Any, pose: Any) -> Any:
-        """The inverse of `parts`."""
         return self.of(*self.packed(momentum, pose))
 
     def packed(self, momentum: Any, pose: Any) -> list[Array]:
-        """The arrays of the state with this momentum and pose."""
         pairs = [(momentum, pose)] if len(self.leaves) == 1 else zip(momentum, pose, strict=True)
         return [x for leaf, pair in zip(self.leaves, pairs, strict=True) for x in leaf.packed(*pair)]
 
     def components(self, arrays: Any) -> Any:
-        """A momentum, force or pose in the form that steps use."""
         return self.leaves[0].components(arrays)
 
     def of_arrays(self, momentum: Any, pose: Any) -> Any:
-        """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
         return self.join(*self.components((momentum, pose)))
 
     def normalised(self, state: Any) -> Any:
@@ -113,10 +102,7 @@ class Kind:
         return self.of.unchecked(**{field.name: x for field, x in zip(fields(self.of), arrays, strict=True)})
 
     def sizes(self, difference: Any) -> tuple[Array, ...]:
-        """For a small difference of two states: the size of its momentum, and the size of the rest, in radians.
-
-        For a state that translates, the sizes of linear momentum and position follow.
-        """
+        """The sizes of the momentum and of the rest (radians) of a small difference of two states, for each leaf."""
         return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in self._arrays(difference)))
 
     def _arrays(self, state: Any) -> Iterable[tuple[type[Leaf], tuple[Array, ...]]]:
@@ -125,10 +111,8 @@ class Kind:
     # Torques
 
     def evaluate(self, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        """The value `function(t, state)` of a function written on states with arrays, evaluated on components.
-
-        Returns:
-            The value, with a tuple of entries in place of each array; and the shape and dtype of each array.
+        """The value `function(t, state)` of a function written on states with arrays, evaluated on components: a tuple
+        of entries in place of each array; and the shape and dtype of each array.
         """
         entries = cp.wrapped((momentum, pose), Packed)
         return by_components(lambda t, momentum, pose: function(t, self.of_arrays(momentum, pose)), t, *entries)
@@ -144,8 +128,7 @@ class Kind:
     def force_from(self, potential: Callable[[Any], Array], state: Any) -> Any:
         """The torque or force of a potential V(state) -> (), by automatic differentiation, as a torque returns it.
 
-        dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
-        is the transpose of `rate`, applied to the gradient.
+        dV/dt = gradient . rate(pose, velocity) = -torque . velocity: -torque is the transpose of `rate`.
         """
         momentum, pose = self.parts(state)
         gradient = jax.grad(lambda pose: potential(self.join(momentum, pose)))(pose)

@@ -1,10 +1,4 @@
-"""`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components.
-
-A state is a product of one or two leaves. The library has an attitude (`Rotation`), a space direction in the body frame
-(`Direction`), an axis in space (`Axis`), a momentum alone (`NoPose`), the translation of the centre of mass
-(`Translation`), positions of any shape (`Positions`) and spins. `kind.py` combines leaves into states of one body, of
-coupled bodies side by side, and of coupled bodies unrolled into scalars.
-"""
+"""`Leaf`: the arithmetic of a momentum and of the pose that it moves, on components."""
 
 from typing import Any, ClassVar
 
@@ -74,19 +68,16 @@ class Leaf:
         With `no_step`, the pose is moved at every step: a quaternion or direction is corrected for earlier rounding
         errors of its length, but if `no_step` is True (a step of length zero), no bit changes.
         """
-        del no_step
         return cp.tree_add(pose, increment)
 
     @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:
         """d pose / dt, a linear function of the velocity."""
-        del pose
         return velocity
 
     @staticmethod
     def momentum_rate(momentum: Any, velocity: Any, force: Any) -> Any:
         """d momentum / dt, jointly linear in velocity and force; Pi' = Pi x Omega + T for a rigid body."""
-        del momentum, velocity
         return force
 
     @staticmethod
@@ -95,7 +86,6 @@ class Leaf:
 
         If a part of the pose must have length one, one Newton step corrects its length.
         """
-        del no_step
         return cp.tree_add(pose, change)
 
     @classmethod
@@ -119,19 +109,12 @@ class Leaf:
 
     @classmethod
     def bathed(cls, exposure: Any, root: Any, momentum: Any, pose: Any, noise: Any) -> Any:
-        """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
-
-        Args:
-            exposure, root: from `PreparedBath` (`model/exposure.py`).
-            momentum, pose, noise: components.
-        """
-        del exposure, root, momentum, pose, noise
+        """The change of the momentum in a stage of a heat bath (`model/exposure.py`), with normal numbers `noise`."""
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     @classmethod
     def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
-        """Ornstein-Uhlenbeck change of a space-frame vector under an exposure in the body frame."""
-        del exposure, root, vector, pose, noise
+        """The change of a space-frame vector under an exposure in the body frame."""
         raise ValueError(f"{cls.__name__} supports no heat bath.")
 
     # Frames
@@ -139,7 +122,6 @@ class Leaf:
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: Any) -> Any:
         """The components of a momentum or force in a frame rotated by `frame` from the present one."""
-        del frame, vector
         raise ValueError("this kind of state supports only the principal frame; define `vector_in`.")
 
     @classmethod
@@ -150,7 +132,6 @@ class Leaf:
     @staticmethod
     def to_body(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame; `owner` is the state, for messages."""
-        del pose, vector
         raise ValueError(f"a {type(owner).__name__} holds no direction; use a DirectionState or a RigidState instead.")
 
     @classmethod
@@ -161,19 +142,16 @@ class Leaf:
     @staticmethod
     def from_body(owner: Any, pose: Any, vector: Any) -> Any:
         """The components, in the frame of the momentum, of a vector fixed in the body."""
-        del owner, pose
         return vector
 
     @staticmethod
     def to_space(owner: Any, pose: Any, vector: cp.Vector) -> cp.Vector:
         """The space components of a vector in the frame of the momentum."""
-        del pose, vector
         raise needs_attitude(owner)
 
     @staticmethod
     def spatial_momentum(owner: Any, *arrays: Array) -> Array:
         """The angular momentum in the space frame, about the fixed point or the centre of mass, (..., 3)."""
-        del arrays
         raise needs_attitude(owner)
 
     # Arrays
@@ -224,8 +202,7 @@ class BodyLeaf(Leaf):
     def rates(cls, inertia: Any, h: Array, momentum: cp.Vector, pose: Any, force: cp.Vector | None) -> tuple[Any, Any]:
         """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
-        A Runge-Kutta method spends nearly all its time here. The products of h with the inverse moments and their gaps
-        are therefore computed once per step.
+        The products of h with the inverse moments and their gaps are computed once per step.
         """
         change = inertia.gyroscopic(h, momentum)
         if force is not None:
@@ -238,30 +215,24 @@ class BodyLeaf(Leaf):
 
 
 class NoPose(Leaf):
-    """A momentum without a pose."""
-
     arrays: ClassVar[int] = 1
     freedom: ClassVar[int] = 3
     has_pose: ClassVar[bool] = False
 
     @classmethod
     def pose(cls, *arrays: Array) -> tuple[()]:
-        del arrays
         return ()
 
     @staticmethod
     def packed(momentum: Any, pose: tuple[()]) -> tuple[Array, ...]:
-        del pose
         return (cp.pack(momentum),)
 
     @staticmethod
     def act(pose: tuple[()], increment: Any, no_step: Array | None = None) -> tuple[()]:
-        del increment, no_step
         return pose
 
     @staticmethod
     def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
-        del velocity
         return pose
 
 
@@ -279,5 +250,9 @@ class Flat(Leaf):
 
 
 def needs_attitude(state: Any) -> ValueError:
-    """The error for a state without an attitude."""
     return ValueError(f"this needs the attitude, which {type(state).__name__} does not have; use a RigidState.")
+
+
+def length_correction(square: Array, no_step: Array) -> Array:
+    """The c for which (1 + c) v has length 1 if |v|^2 = square, by one Newton step; zero where `no_step` is True."""
+    return jnp.where(no_step, jnp.zeros_like(square), 0.5 - 0.5 * square)

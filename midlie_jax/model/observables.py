@@ -24,10 +24,9 @@ from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
-    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; both terms for a body that translates.
+    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2; the total for coupled bodies and bodies that translate.
 
-    For coupled bodies it is the total. For a `SymmetricRotor` it is |pi|^2 / (2 I1), which omits the constant energy of
-    the spin.
+    For a `SymmetricRotor` it is |pi|^2 / (2 I1), which omits the constant energy of the spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
@@ -52,20 +51,8 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 def energy(
     body: Body, torque: TorqueLike | None, motion: Any, t: float | Array | None = None
 ) -> Float[Array, "*batch"]:
-    """Kinetic plus potential energy of one body; `midlie_jax.observe.energy` maps it over several.
-
-    Args:
-        body: one body for all states.
-        torque: as for `integrate`: None, or a torque that has a potential.
-        motion: a state, which may have leading batch axes (except for particles); or a path, which contains its times.
-        t: the time of the states, required if the potential depends on time; its shape broadcasts to the batch.
-
-    Returns:
-        The energy (...), with the batch shape of the state or of the path's states.
-
-    Raises:
-        ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
-            path; the body is a batch of bodies, or does not match the state.
+    """Kinetic plus potential energy of one body, whose states may have leading axes; `midlie_jax.observe.energy` maps
+    it over several.
     """
     if isinstance(motion, State):
         state, path_shape = motion, ()
@@ -74,9 +61,7 @@ def energy(
             raise ValueError("a path has its own times; do not pass t.")
         state, t, path_shape = motion.states, motion.times, motion.times.shape
         if not state.own_axes and len(path_shape) != motion.ok.ndim + 1:
-            raise ValueError(
-                f"for an ensemble of {type(state).__name__} map energy over its states by jax.vmap and pass t."
-            )
+            raise ValueError(f"for an ensemble of {type(state).__name__} map energy over states and t by jax.vmap.")
     else:
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
     check_body(body, state)
@@ -84,7 +69,8 @@ def energy(
     if state.kind.batch_of(body):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
-    batch = _batch_shape(state, path_shape)
+    # A particle state can have any shape, so the times of its path determine the number of leading axes.
+    batch = state.batch if state.own_axes else state.momentum.shape[: len(path_shape)]
     if torque is None:
         potential = None
     else:
@@ -99,39 +85,26 @@ def energy(
         kinetic = kinetic_energy(body, state)
         return kinetic if potential is None else kinetic + potential(t, state)
 
-    function = energy_of_state
     for _ in batch:
-        function = jax.vmap(function)
-    return function(state, times)
-
-
-def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The sizes of the leading axes of a state.
-
-    A particle state can have any shape, so the times of its path determine the number of leading axes.
-    """
-    return state.batch if state.own_axes else state.momentum.shape[: len(path_shape)]
+        energy_of_state = jax.vmap(energy_of_state)
+    return energy_of_state(state, times)
 
 
 def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
     Args:
-        body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state of a rigid body, which may translate and have leading batch axes; for a path its `states`.
+        body, state: as for `kinetic_energy`, of a rigid body, which may translate.
 
     Raises:
-        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
-            body is a `SymmetricRotor`, whose spin is unknown.
+        ValueError: as for `kinetic_energy`, or the body is a `SymmetricRotor`, whose spin is unknown.
 
     Examples:
         >>> ml.observe.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
         Array([ 2.,  0., 50.], dtype=float64)
     """
     if isinstance(principal_of(body).turning, SymmetricRotor):
-        raise ValueError(
-            "the angular velocity of a SymmetricRotor is undefined, because its spin is unknown; use body.velocity."
-        )
+        raise ValueError("the angular velocity of a SymmetricRotor is undefined, as is its spin; use body.velocity.")
     velocity = _velocity(body, state)
     return velocity.angular if isinstance(velocity, Momenta) else velocity
 
@@ -140,8 +113,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
     """The angular velocity R I^-1 Pi in the space frame, radians per unit of time, (..., 3).
 
     Args:
-        body: as for `angular_velocity`.
-        state: a state with an attitude, which may have leading batch axes; for a path its `states`.
+        body, state: as for `angular_velocity`; the state has an attitude.
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
@@ -202,8 +174,7 @@ def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The velocity p/m of the centre of mass of a body that translates, space frame, length/time, (..., 3).
 
     Args:
-        body: one `FreeBody` for all states; or n bodies, whose states have the leading axes (n, times).
-        state: as for `linear_momentum`.
+        body, state: as for `kinetic_energy`, of a body that translates.
 
     Raises:
         ValueError: the state does not translate, or does not belong to the body.

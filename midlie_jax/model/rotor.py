@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
-from .bodies import Body, require_within_range
-from .masses import all_positive, is_positive
+from .bodies import Body, all_positive, is_positive, require_within_range
 
 _UNITS = "check its units."
 _ROUNDING = 1e-6  # of `along`, relative to twice the moment
@@ -26,7 +25,6 @@ class RotorInertia(NamedTuple):
         return cp.scale(self.inverse, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """Zero: the axes of the space frame do not rotate."""
         return cp.scale(0, force)
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
@@ -34,7 +32,6 @@ class RotorInertia(NamedTuple):
         return cp.dot(turn, turn)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """|pi| / I1, the rate at which the axis precesses about the momentum."""
         return cp.norm(self.velocity(momentum))
 
 
@@ -92,9 +89,7 @@ class SymmetricRotor(Body):
     @property
     def known_along(self) -> Float[Array, "*batch"]:
         if self.along is None:
-            raise ValueError(
-                "this torque needs the moment about the axis of symmetry; write SymmetricRotor(moment, along)."
-            )
+            raise ValueError("this torque needs the moment about the axis; write SymmetricRotor(moment, along).")
         return self.along
 
     @property

@@ -6,6 +6,7 @@ components to space components: `rotate(q, v_body) = v_space`.
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import factorial
 from typing import Any
 
@@ -24,7 +25,7 @@ _SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z as a function of z^2
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
-def _even(series: tuple[float, ...], x: Array, closed_form: Callable[[Array], Array]) -> Array:
+def _even(series: tuple[float, ...], closed_form: Callable[[Array], Array], x: Array) -> Array:
     """A function analytic in x >= 0: its power series for small x, otherwise `closed_form(sqrt(x))`."""
     use_series = x < _SMALL_ANGLE_SQUARED
     angle = jnp.sqrt(jnp.where(use_series, jnp.ones_like(x), x))
@@ -32,34 +33,19 @@ def _even(series: tuple[float, ...], x: Array, closed_form: Callable[[Array], Ar
 
 
 def _series(shift: int) -> tuple[float, ...]:
-    """The coefficients of the sum over n of (-x)^n / (2n + shift)!"""
     return tuple((-1) ** n / factorial(2 * n + shift) for n in range(_SERIES_TERMS))
 
 
-def _sinc(x: Array) -> Array:
-    """sin(a)/a, with a^2 = x."""
-    return _even(_series(1), x, lambda a: jnp.sin(a) / a)
-
-
-def _cosine(x: Array) -> Array:
-    """cos(a), with a^2 = x."""
-    return _even(_series(0), x, jnp.cos)
-
-
-def _versine(x: Array) -> Array:
-    """(1 - cos a)/a^2, with a^2 = x."""
-    return _even(_series(2), x, lambda a: 2 * (jnp.sin(a / 2) / a) ** 2)
-
-
-def _remainder(x: Array) -> Array:
-    """(a - sin a)/a^3, with a^2 = x."""
-    return _even(_series(3), x, lambda a: (a - jnp.sin(a)) / a**3)
-
-
-def _cotangent(x: Array) -> Array:
-    """(1 - (a/2) cot(a/2))/a^2, with a^2 = x."""
-    series = tuple(b / factorial(2 * n + 2) for n, b in enumerate(_BERNOULLI))
-    return _even(series, x, lambda a: (1 - (a / 2) * jnp.cos(a / 2) / jnp.sin(a / 2)) / (a * a))
+# Functions of x = a^2; `_cotangent` is (1 - (a/2) cot(a/2))/a^2.
+_cosine = partial(_even, _series(0), jnp.cos)
+_sinc = partial(_even, _series(1), lambda a: jnp.sin(a) / a)
+_versine = partial(_even, _series(2), lambda a: 2 * (jnp.sin(a / 2) / a) ** 2)  # (1 - cos a)/a^2
+_remainder = partial(_even, _series(3), lambda a: (a - jnp.sin(a)) / a**3)
+_cotangent = partial(
+    _even,
+    tuple(b / factorial(2 * n + 2) for n, b in enumerate(_BERNOULLI)),
+    lambda a: (1 - (a / 2) * jnp.cos(a / 2) / jnp.sin(a / 2)) / (a * a),
+)
 
 
 def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:

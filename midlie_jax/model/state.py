@@ -1,10 +1,8 @@
 """`State`: momentum and configuration of a body or of particles, as used by steps, torques and drivers.
 
-A state holds the momentum and as much of the configuration as a problem needs: nothing (`MomentumState`), one direction
-(`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users work with arrays, the integration
-steps with components: `parts` splits a state into a momentum and a *pose*, the configuration. The leaves of a state
-(`leaf.py`) define how a flight changes the pose and the rates of change of pose and momentum, and its `Kind` combines
-them. The rest of the package therefore need not distinguish the kinds of state.
+Users work with arrays, the integration steps with components: `parts` splits a state into a momentum and a *pose*, the
+configuration. The leaves of a state (`leaf.py`) define their motion, and its `Kind` combines them. The rest of the
+package therefore need not distinguish the kinds of state.
 """
 
 from dataclasses import fields
@@ -185,13 +183,11 @@ StateT = TypeVar("StateT", bound=State)  # the class of the states of a run
 
 
 def require_own(body: Any, states: type[State]) -> None:
-    """Raises unless states of this class belong to the body."""
     if not (isinstance(body, Body) and states.belongs_to(body.in_principal_axes())):
         raise ValueError(f"body must be a {states.body.__name__} for a {states.__name__}, got {described(body)}.")
 
 
 def attitude_of(state: AnyState) -> Array:
-    """The attitude (..., 4) of a state; a ValueError without one."""
     if not hasattr(state, "attitude"):
         raise needs_attitude(state)
     attitude: Array = getattr(state, "attitude")  # noqa: B009

@@ -14,6 +14,8 @@ from jaxtyping import Float
 from .._checks.arguments import (
     as_count,
     as_floats,
+    as_not_negative,
+    as_positive,
     is_unit,
     require,
     require_finite,
@@ -24,13 +26,10 @@ from .._math import components as cp
 from .._math.powers import unit as unit_of
 from . import so3
 from .bodies import RigidBody, TensorBody
-from .horizon import Horizon, horizon_of
-from .meshes import read_mesh
-from .polyhedra import Solid, as_faces, require_area, solid_of, sphere
+from .polyhedra import Horizon, Solid, as_faces, horizon_of, read_mesh, require_area, solid_of, sphere
 
 _FACES_OF_BOX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _CENTRED = 1e-5  # the largest distance of the origin from the centre of mass, in radii of gyration
-_OPEN = "a closed surface, made of vertices and faces, a file, an ellipsoid or a box"
 
 
 class Surface(eqx.Module):
@@ -90,12 +89,17 @@ class Surface(eqx.Module):
         require("faces", self.solid.volume, lambda v: v > 0, "must be counterclockwise from outside: the volume", cure)
 
     @classmethod
-    def _of(cls, *values: Any, corners: Any = None, horizon: Any = None) -> "Surface":
+    def _of(
+        cls, areas: Any, normals: Any, centroids: Any, solid: Any, corners: Any = None, horizon: Any = None
+    ) -> "Surface":
         surface = object.__new__(cls)
-        names = "areas", "normals", "centroids", "solid", "corners", "horizon"
-        for name, value in zip(names, (*values, corners, horizon), strict=True):
-            object.__setattr__(surface, name, value)
+        vars(surface).update(
+            areas=areas, normals=normals, centroids=centroids, solid=solid, corners=corners, horizon=horizon
+        )
         return surface
+
+    def _with(self, **changes: Any) -> "Surface":
+        return self._of(**{**vars(self), **changes})
 
     @classmethod
     def of_facets(cls, areas: Any, normals: Any, centroids: Any) -> "Surface":
@@ -110,18 +114,12 @@ class Surface(eqx.Module):
             ValueError: wrong shapes or dtypes, a negative area, a normal that is not a unit vector, or numbers that are
                 not finite.
         """
-        areas = as_floats("areas", areas)
+        areas = as_not_negative("areas", areas, cure="the normal defines the side of a facet.")
         normals, centroids = as_floats("normals", normals, (3,)), as_floats("centroids", centroids, (3,))
         if areas.ndim != 1 or not len(areas) or not normals.shape == centroids.shape == (*areas.shape, 3):
-            raise ValueError(
-                f"areas must be (n,), normals and centroids (n, 3), got {areas.shape}, {normals.shape} and "
-                f"{centroids.shape}."
-            )
+            shapes = f"{areas.shape}, {normals.shape} and {centroids.shape}"
+            raise ValueError(f"areas must be (n,), normals and centroids (n, 3), got {shapes}.")
         same_dtype("areas", areas, normals=normals, centroids=centroids)
-        not_negative = "must be finite and not negative"
-        require(
-            "areas", areas, lambda a: np.isfinite(a) & (a >= 0), not_negative, "the normal defines the side of a facet."
-        )
         require_rows("normals", normals, is_unit, "must be unit vectors", "divide them by their norms.")
         require_finite("centroids", centroids)
         return cls._of(areas, normals, centroids, None)
@@ -144,8 +142,7 @@ class Surface(eqx.Module):
                 'midlie_jax[surfaces]'.
             ValueError: the file does not exist or cannot be read, it holds no triangles, or as for the class.
         """
-        factor = as_floats("scale", scale)
-        require("scale", factor, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+        factor = as_positive("scale", scale)
         vertices, faces = read_mesh(path, repair)
         return cls(factor * jnp.asarray(vertices, factor.dtype), faces)
 
@@ -222,7 +219,7 @@ class Surface(eqx.Module):
 
     def mass(self, density: Any) -> Float[Array, ""]:
         """Density times volume."""
-        return _density(density) * self.volume
+        return as_positive("density", density) * self.volume
 
     def inertia(self, density: Any) -> Float[Array, "3 3"]:
         """The inertia tensor of the homogeneous solid about its centre of mass, (3, 3), mass length^2."""
@@ -244,7 +241,7 @@ class Surface(eqx.Module):
         orders = list(permutations(range(degree)))
         symmetric = sum(jnp.transpose(jnp.asarray(total), order) for order in orders) / len(orders)
         # For a tetrahedron from the origin: J. B. Lasserre, K. E. Avrachenkov, Am. Math. Mon. 108 (2001) 151.
-        return _density(density) * (factorial(degree) / factorial(degree + 3)) * symmetric
+        return as_positive("density", density) * (factorial(degree) / factorial(degree + 3)) * symmetric
 
     def body(self, density: Any) -> TensorBody:
         """The homogeneous body in the frame of the surface; the origin must be the centre of mass.
@@ -280,9 +277,7 @@ class Surface(eqx.Module):
         require_finite("offset", offset)
         solid = None if self.solid is None else self.solid._replace(centre=self.solid.centre + offset)
         corners = None if self.corners is None else self.corners + offset[None, None, :]
-        return self._of(
-            self.areas, self.normals, self.centroids + offset[None, :], solid, corners=corners, horizon=self.horizon
-        )
+        return self._with(centroids=self.centroids + offset[None, :], solid=solid, corners=corners)
 
     def turned(self, rotation: Any) -> "Surface":
         """The surface rotated about the origin by a unit quaternion (w, x, y, z), (4,)."""
@@ -309,8 +304,7 @@ class Surface(eqx.Module):
             raise ValueError("shadows need concrete vertices; call with_shadows() outside jit, grad and vmap.")
         self.count  # noqa: B018  # no batch
         corners, normals = np.asarray(self.corners, float), np.asarray(self.normals, float)
-        horizon = horizon_of(corners, normals, as_count("azimuths", azimuths), self.areas.dtype)
-        return self._of(self.areas, self.normals, self.centroids, self.solid, corners=self.corners, horizon=horizon)
+        return self._with(horizon=horizon_of(corners, normals, as_count("azimuths", azimuths), self.areas.dtype))
 
     def __add__(self, other: "Surface") -> "Surface":
         """Both surfaces together, closed if both are. They must not overlap. With shadows if one of them has them."""
@@ -332,11 +326,11 @@ class Surface(eqx.Module):
             solid = Solid(solid.volume, solid.centre @ axes, axes.T @ solid.spread @ axes)
         corners = None if self.corners is None else self.corners @ axes
         horizon = None if self.horizon is None else self.horizon._replace(across=self.horizon.across @ axes)
-        return self._of(self.areas, self.normals @ axes, self.centroids @ axes, solid, corners=corners, horizon=horizon)
+        return self._of(self.areas, self.normals @ axes, self.centroids @ axes, solid, corners, horizon)
 
     def _inside(self) -> Solid:
         if self.solid is None:
-            raise ValueError(f"volume and inertia need {_OPEN}; this one has open panels.")
+            raise ValueError("volume and inertia need a closed surface, made of faces; this one has open panels.")
         return self.solid
 
     def _require_centred(self) -> None:
@@ -352,14 +346,7 @@ class Surface(eqx.Module):
 
 
 def _lengths(name: str, value: Any) -> Array:
-    lengths = as_floats(name, value)
+    lengths = as_positive(name, value)
     if lengths.shape != (3,):
         raise ValueError(f"{name} must be (3,), got {lengths.shape}; map over several with jax.vmap.")
-    require(name, lengths, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
     return lengths
-
-
-def _density(value: Any) -> Array:
-    density = as_floats("density", value)
-    require("density", density, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
-    return density

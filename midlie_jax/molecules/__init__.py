@@ -1,7 +1,5 @@
-"""Molecules and rods: bodies from points, forces on their sites, molecule files, elastic rods of coupled bodies.
-
-`read` needs the extra `molecules` (ase), `write_xyz` nothing. In files, lengths are in nm, times in ps, masses in
-amu.
+"""Molecules and rods. In files, lengths are in nm, times in ps, masses in amu; `read` needs the extra `molecules`
+(ase).
 """
 
 from .._lazy import names_of

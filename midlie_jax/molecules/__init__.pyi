@@ -6,14 +6,14 @@ amu.
 
 from .boxes import Pressure as Pressure
 from .boxes import integrate as integrate
+from .files import Molecules as Molecules
+from .files import read as read
+from .files import write_xyz as write_xyz
 from .neighbours import Neighbours as Neighbours
 from .pair_forces import PairForces as PairForces
 from .points import from_points as from_points
 from .points import sites as sites
 from .points import wrench_on_sites as wrench_on_sites
-from .reading import Molecules as Molecules
-from .reading import read as read
-from .rod_torque import Rod as Rod
+from .rods import Rod as Rod
 from .rods import StraightRod as StraightRod
 from .rods import straight_rod as straight_rod
-from .writing import write_xyz as write_xyz

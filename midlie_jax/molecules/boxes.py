@@ -1,7 +1,6 @@
 """`integrate` for molecules in a box: compiled runs, between which the list of neighbours is built again; `Pressure`.
 
-How long a list holds follows from how far sites moved under the last one. If a site moves too far after all, the forces
-are NaN, and the run goes back to its last state and takes fewer steps at a time.
+If a site moves too far under a list, the run goes back to its last state and takes fewer steps at a time.
 """
 
 from typing import Any, NamedTuple
@@ -55,9 +54,7 @@ class Pressure(Observable):
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         if not isinstance(torque, PairForces) or not isinstance(body, FreeBody):
-            raise ValueError(
-                f"torque must be PairForces alone for the pressure, got {shown(torque)}. Sum the virials yourself."
-            )
+            raise ValueError(f"torque must be PairForces alone for the pressure, got {shown(torque)}.")
         x, y, z = torque.box
         linear: Array = jnp.asarray(state.linear)  # pyright: ignore[reportAttributeAccessIssue]
         mass = body.mass[:, None] if body.mass.ndim else body.mass
@@ -172,18 +169,13 @@ class _Then(NamedTuple):
 def _advance_by(
     method: Method, body: Any, torque: Any, bath: Any, like: Any, dt: Array, t0: Array, carry: Any, steps: Any
 ) -> _Then:
-    """The run after some steps, or before the first; from the initial state if there is no carry."""
     one = stepper(method, body, torque, like, dt=dt, t0=t0, bath=bath)
     carry = one.init() if carry is None else carry
     carry = carry if steps is None else one.advance(carry, steps)
     return _Then(carry, one.state(carry), one.time(carry), one.ok(carry), one.result(carry))
 
 
-def _molecules(method: Any, body: Any, torque: Any, bath: Any, like: Any, *_: Any) -> int:
-    return like.count
-
-
-_advance = tuned_jit(_advance_by, _molecules)
+_advance = tuned_jit(_advance_by, lambda method, body, torque, bath, like, *_: like.count)
 _seen = exact_jit(observe_state)
 
 
@@ -209,7 +201,6 @@ class _Lists:
         self._age, self.left = 0, max(1, left)
 
     def follow(self, state: Any, number: int) -> None:
-        """Renews the list after some steps if it will not hold for another."""
         self._age += number
         moved = max(float(_moved(forces, state)) for forces in _pair_forces(self.torque))
         life = int(min(_LONGEST, _SAFETY * self._skin / 2 * self._age / max(moved, 1e-300)))

@@ -1,11 +1,7 @@
 """`Neighbours`: which molecules of a periodic box are near to each other, found between compiled runs.
 
-Molecules are neighbours if two of their sites are within a reach: the cut-off of a force plus a skin. The list holds
-until a site has moved by half the skin. After that it makes forces NaN, so a run with an old list is not `ok`. The
-neighbours of a molecule are sorted by distance, and a force reads only as many as the moves of the sites require.
-
-All pairs are compared in one compiled loop: 15 ms for 1,728 waters. From some ten thousand molecules on, a cell list is
-faster.
+The list holds until a site has moved by half the skin. After that it makes forces NaN, so a run with an old list is not
+`ok`. A force reads only as many neighbours, nearest first, as the moves of the sites require.
 """
 
 from itertools import product
@@ -93,9 +89,8 @@ class Neighbours(eqx.Module):
 def _keys(whole: Array, edges: Array) -> Array:
     """For molecules i and j the level of the least distance of two sites and j in one number, (N, N), if in reach.
 
-    Args:
-        whole: the sites in units of the box as whole numbers, whose differences wrap around as the box does.
-        edges: of the box, in units of the reach.
+    The sites are whole numbers in units of the box, whose differences wrap around as the box does; `edges` are in
+    reaches.
     """
     number, sites, _ = whole.shape
     least = jnp.full((number, number), jnp.inf, jnp.float32)

@@ -111,10 +111,7 @@ class PairForces(Torque):
         self.box, self.cutoff, self.damping, self.coulomb = (x, y, z), float(cutoff), float(damping), float(coulomb)
         self.energy, self.single, self.neighbours = energy, single, neighbours
         if not 0 < 2 * self.cutoff <= min(self.box):
-            raise ValueError(
-                f"box must be at least twice the cut-off {cutoff:g} along every axis, got {self.box}. Take more "
-                "molecules or a shorter cut-off."
-            )
+            raise ValueError(f"box must be at least twice the cut-off {cutoff:g}, got {self.box}. Take more molecules.")
 
     def listed(self, state: Any, *, skin: float = 0.2, slots: int = 0) -> "PairForces":
         """The forces with the neighbours of this state.
@@ -132,20 +129,17 @@ class PairForces(Torque):
         return eqx.tree_at(lambda f: f.neighbours, self, near, is_leaf=lambda x: x is None)
 
     def __call__(self, t: Time, state: Any) -> Wrench:
-        del t
         forces, _ = self._sums(state, self.single, with_energy=False)
         edge, dtype = self.box[0], state.position.dtype
         wrench = wrench_on_sites(state, self.points / edge, _on_sites(forces).astype(dtype))
         return Wrench(wrench.torque, wrench.force / edge)
 
     def potential(self, t: Time, state: Any) -> Array:
-        del t
         _, (energy, _) = self._sums(state, single=False, with_energy=True)
         return jnp.sum(energy) / 2  # a pair is in two lists
 
     def virial(self, t: Time, state: Any) -> Array:
         """The sum over pairs of molecules of force times distance of the centres of mass, energy."""
-        del t
         forces, (_, virial) = self._sums(state, single=False, with_energy=True)
         arms = sites(state, self.points) - state.position[:, None]
         return jnp.sum(virial) / 2 - jnp.sum(_on_sites(forces) * (arms / self.box[0]))
@@ -154,10 +148,7 @@ class PairForces(Torque):
         """The force on each site times the first edge by component, and energy and virial of each molecule; (N,)."""
         _check(state)
         if self.neighbours is None:
-            raise ValueError(
-                "torque must have a list of neighbours, got PairForces without one. Use "
-                "midlie_jax.molecules.integrate, with observe=, or forces.listed(start)."
-            )
+            raise ValueError("PairForces need a list of neighbours; use molecules.integrate, or forces.listed(start).")
         return _sums(self, sites(state, self.points), single, with_energy)
 
 
@@ -209,7 +200,6 @@ def _summed(
 
 
 def _terms(forces: PairForces, single: bool) -> dict[tuple[int, int], Term]:
-    """The terms of the pairs of sites that act on each other."""
     indices = range(len(forces.charges))
     terms = {(p, q): _term(forces, p, q, single) for p in indices for q in indices}
     return {pair: term for pair, term in terms.items() if term is not None}
@@ -284,7 +274,6 @@ def _of_points(name: str, values: Any, count: int) -> tuple[float, ...]:
 
 
 def _on_sites(forces: list[list[Array]]) -> Array:
-    """The components as one array (N, a, 3)."""
     return jnp.stack([jnp.stack(force, axis=-1) for force in forces], axis=1)
 
 
@@ -297,7 +286,6 @@ def _fitted(function: Callable[[float], float], degree: int) -> np.ndarray:
 @jax.custom_jvp
 def _apart(whole: Array, other_whole: Array, place: Array, other: Array) -> Array:
     """The difference of places from whole numbers, whose derivative would be zero; in float32."""
-    del place, other
     return (whole - other_whole).astype(jnp.float32) * 2.0**-32
 
 

@@ -1,9 +1,4 @@
-"""Sites, points fixed in a body: their positions in space, forces on them, and bodies made from point masses.
-
-A site s of a body at x with attitude R is at y = x + R s. Forces g on the sites are a force, the sum of g, and a torque
-about the centre of mass, R^T times the sum of (R s) x g. The wrench is the transpose of the derivative of the
-positions.
-"""
+"""Sites, points fixed in a body: their positions in space, forces on them, and bodies made from point masses."""
 
 from typing import Any
 
@@ -86,26 +81,21 @@ def _check_points(masses: Array, places: Array) -> None:
         return
     heavy = np.asarray(places)[np.asarray(masses) > 0]
     if np.all(np.ptp(heavy, axis=0) <= cp.epsilon(places) * np.max(np.abs(heavy))):
-        raise ValueError(
-            f"places must hold masses at two or more positions, got {len(heavy)} at one, which does "
-            "not rotate; use midlie_jax.Particles for point masses."
-        )
+        problem = f"places must hold masses at two or more positions, got {len(heavy)}"
+        raise ValueError(f"{problem}; use midlie_jax.Particles for point masses.")
 
 
 def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Array]:
     """The rotor; the axis of the least moment, the first, becomes the third."""
     along, size = points[:, 0], jnp.max(jnp.abs(points))
     if jnp.max(jnp.abs(points[:, 1:])) > cp.epsilon(points) ** _NO_SIGN * size:
-        raise ValueError(
-            "places must be on one line if all masses are, got a massless site off the line. Give that site a mass."
-        )
+        raise ValueError("places must be on one line as all masses are; a site is off. Give that site a mass.")
     zeros = jnp.zeros_like(along)
     third = cp.pack((zeros, zeros, _sign(along, points) * along))
     return FreeBody(SymmetricRotor(moments[2], jnp.zeros_like(moments[2])), mass), third
 
 
 def _sign(coordinates: Array, points: Array) -> Array:
-    """The sign of the first coordinate that is nonzero up to rounding; 1 if all are zero."""
     nonzero = jnp.abs(coordinates) > cp.epsilon(points) ** _NO_SIGN * jnp.max(jnp.abs(points))
     chosen = coordinates[jnp.argmax(nonzero)]
     return jnp.where(chosen < 0, -jnp.ones_like(chosen), jnp.ones_like(chosen))

@@ -55,13 +55,8 @@ class Distribution(eqx.Module):
 class Normal(Distribution):
     """Normal numbers, either independent with a `deviation` each, or one vector with a covariance matrix.
 
-    Attributes:
-        mean: numbers of any shape, the shape of a draw.
-        deviation: standard deviations, of the shape of `mean`; None with a covariance.
-        root: a matrix S with S S^T = covariance, (d, d); None with deviations.
-
     Args:
-        mean: numbers of any shape; with a covariance a vector (d,).
+        mean: numbers of any shape, the shape of a draw; with a covariance a vector (d,).
         deviation: standard deviations of at least 0, in the unit of the mean; a single number holds for all.
         covariance: (d, d), symmetric positive semi-definite, in place of the deviation.
 
@@ -88,10 +83,7 @@ class Normal(Distribution):
             self.mean, self.deviation = _broadcast(mean=self.mean, deviation=_as_spread("deviation", deviation))
             return
         if self.mean.ndim != 1:
-            raise ValueError(
-                f"mean must be a vector (d,) with a covariance, got shape {self.mean.shape}; for several "
-                "quantities use Joint."
-            )
+            raise ValueError(f"mean must be a vector (d,) with a covariance, got {self.mean.shape}; or use Joint.")
         self.root = _covariance_root(covariance, self.mean.size)
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
@@ -108,10 +100,6 @@ class Normal(Distribution):
 
 class LogNormal(Distribution):
     """Positive numbers whose logarithms are normal: masses, moments, coefficients.
-
-    Attributes:
-        median: numbers of any shape, the shape of a draw.
-        log_deviation: standard deviations of the natural logarithm.
 
     Args:
         median: positive numbers of any shape; half of all draws are larger.
@@ -141,9 +129,6 @@ class LogNormal(Distribution):
 
 class Uniform(Distribution):
     """Numbers between two bounds, independent and each uniform.
-
-    Attributes:
-        low, width: the lower bounds, and the upper bounds minus the lower ones, in the shape of a draw.
 
     Args:
         low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
@@ -176,10 +161,6 @@ class Joint(Distribution):
 
     A draw is a dictionary with the names and shapes of the mean.
 
-    Attributes:
-        normal: the distribution of all numbers, in the order of `mean`, arrays row by row.
-        names, shapes: of the quantities.
-
     Args:
         mean: a dictionary of names and means, each of any shape.
         covariance: (d, d), symmetric positive semi-definite, of all d numbers in the order of `mean`.
@@ -200,9 +181,7 @@ class Joint(Distribution):
 
     def __init__(self, mean: Any, covariance: Any):
         if not isinstance(mean, Mapping) or not mean:
-            raise ValueError(
-                "mean must be a dictionary of names and means, such as {'mass': 2.0, 'offset': [0.0, 0.1]}."
-            )
+            raise ValueError("mean must be a dictionary of names and means, as {'mass': 2.0, 'offset': [0.0, 0.1]}.")
         means = {name: _as_numbers(f"mean[{name!r}]", value) for name, value in mean.items()}
         self.names, self.shapes = tuple(means), tuple(value.shape for value in means.values())
         self.normal = Normal(np.concatenate([value.reshape(-1) for value in means.values()]), covariance=covariance)
@@ -267,10 +246,6 @@ class RotationNear(Distribution):
 
     This is the error model of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond pi
     wrap around, so use deviations well below one radian.
-
-    Attributes:
-        attitude: the mean, a unit quaternion (4,).
-        error: the distribution of the rotation vector.
 
     Args:
         attitude: unit quaternion (w, x, y, z).
@@ -405,60 +380,32 @@ def _as_positive(name: str, value: Any) -> np.ndarray:
 
 
 def _broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The arrays, each broadcast to their common shape; raises a ValueError if there is none."""
     try:
         return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))
     except ValueError as error:
         shapes = " and ".join(f"{name} {x.shape}" for name, x in arrays.items())
-        raise ValueError(
-            f"{shapes} do not fit together; give both one shape, or one of them as a single number."
-        ) from error
+        raise ValueError(f"{shapes} do not fit together; give both one shape, or one as a single number.") from error
 
 
 def _covariance_root(covariance: Any, size: int) -> np.ndarray:
-    """A matrix S with S S^T = covariance, which must be (size, size): deviations times a root of the correlations.
+    """A matrix S with S S^T = covariance, (size, size): deviations times the positive root of the correlations.
 
-    The covariance itself is not decomposed, because rounding errors relative to its largest entry would destroy the
-    small entries if the quantities differ much in size. The root of the correlations is the symmetric positive
-    semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root from eigenvectors
-    alone has program-dependent signs.
-
-    Raises:
-        ValueError: the covariance has another shape, is not symmetric, or has a negative variance, a correlation beyond
-            1, or correlations with a negative eigenvalue.
+    Rounding errors relative to the largest entry of the covariance itself would destroy its small entries. Cholesky's
+    method fails for a semi-definite matrix, and a root from eigenvectors alone has program-dependent signs.
     """
     matrix = _as_numbers("covariance", covariance)
     if matrix.shape != (size, size):
-        raise ValueError(
-            f"covariance must have shape ({size}, {size}), one row for each number of the mean, got {matrix.shape}."
-        )
-    variances = np.diagonal(matrix)
-    for k in np.flatnonzero(variances < 0):
-        raise ValueError(
-            f"covariance[{k}, {k}] is a variance and must not be negative, got {variances[k]:.3g}; pass the squares of "
-            "the deviations."
-        )
-    deviations = np.sqrt(variances)
+        raise ValueError(f"covariance must have shape ({size}, {size}), as the mean has numbers, got {matrix.shape}.")
+    deviations = np.sqrt(np.abs(np.diagonal(matrix)))
     unit = np.where(deviations > 0, deviations, 1)  # the unit of each number
     correlations = matrix / unit[:, None] / unit  # 0 for a number that does not vary
-    for i, k in np.argwhere(((deviations == 0)[:, None] | (deviations == 0)) & (matrix != 0)):
-        raise ValueError(
-            f"covariance[{i}, {k}] is {matrix[i, k]:.3g}, but a variance is zero there, so it must be 0; pass 0."
-        )
     if np.any(np.abs(correlations - correlations.T) > _ROUNDED):
-        raise ValueError(
-            f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding."
-        )
-    for i, k in np.argwhere(np.abs(correlations) > 1 + _ROUNDED):
-        raise ValueError(
-            f"covariance[{i}, {k}] is {matrix[i, k]:.3g}, a correlation of {correlations[i, k]:.3g}; it must not "
-            "exceed the product of the two deviations."
-        )
+        raise ValueError(f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2.")
     correlations = (correlations + correlations.T) / 2
     values, vectors = np.linalg.eigh(correlations)
-    if values.min(initial=0.0) < -_ROUNDED * values.max(initial=0.0):
+    if values.min(initial=0.0) < -_ROUNDED * values.max(initial=0.0) or np.any(matrix[deviations == 0]):
         raise ValueError(
-            f"covariance must be positive semi-definite, but its correlations {shown(correlations)} have the "
-            f"eigenvalue {values[0]:.3g}; check their signs."
+            f"covariance must be positive semi-definite, got the variances {shown(np.diagonal(matrix))} and the "
+            f"correlations {shown(correlations)} with the eigenvalue {values[0]:.3g}; check their signs."
         )
     return deviations[:, None] * ((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)

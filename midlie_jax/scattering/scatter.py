@@ -1,9 +1,7 @@
 """`scatter`: random inputs of an ensemble; the draw of a body does not depend on the other bodies or the order.
 
-The key of a draw combines the user's key, a hash of the name of the quantity and the index of the body. No draw depends
-on the sequence of draws. Random bits are integers, the same in every program. However, the functions that make normal
-numbers from them round, and XLA rounds differently in programs for other numbers of rows. All bodies therefore go
-through one compiled program, in blocks of one size; an incomplete block is padded.
+Random bits are integers, the same in every program, but XLA rounds the numbers made of them differently in programs for
+other numbers of rows. All bodies therefore go through one compiled program, in blocks of one size.
 """
 
 from functools import partial
@@ -104,10 +102,7 @@ def _check_key(key: Any) -> None:
     if not is_key(key) or key.shape != ():
         raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
     if "threefry" not in str(jax.random.key_impl(key)):
-        raise ValueError(
-            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}, whose "
-            "numbers depend on the batch; make it with jax.random.key(0, impl='threefry2x32')."
-        )
+        raise ValueError("key must be of the generator threefry2x32: jax.random.key(0, impl='threefry2x32').")
 
 
 def _indices(bodies: Any) -> np.ndarray:
@@ -124,9 +119,7 @@ def _indices(bodies: Any) -> np.ndarray:
     if isinstance(bodies, bool) or indices.ndim != 1 or (indices.size and indices.dtype.kind not in "iu"):
         raise ValueError(f"{wanted}, got {described(bodies)}.")
     if indices.size and not 0 <= indices.min() <= indices.max() < _MOST:
-        raise ValueError(
-            f"{wanted}, got indices from {indices.min()} to {indices.max()}; they count from 0 to 2^32 - 1."
-        )
+        raise ValueError(f"{wanted}, got indices from {indices.min()} to {indices.max()}; they count from 0.")
     return indices.astype(np.int64)
 
 

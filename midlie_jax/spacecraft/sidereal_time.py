@@ -31,14 +31,6 @@ def gmst(epoch: Any) -> float:
     Examples:
         >>> round(float(np.degrees(ml.spacecraft.gmst("1992-08-20T12:14:00"))), 6)  # Vallado (2013), example 3-5
         152.578788
-        >>> field = ml.orbits.DipoleField(
-        ...     orbit=ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 0.0, 1.0], 3.986e14),
-        ...     moment=ml.so3.rotate(
-        ...         ml.so3.exp(jnp.array([0.0, 0.0, ml.spacecraft.gmst("2026-04-13T21:45:00")])),
-        ...         jnp.array([-3.75e21, 1.203e22, -7.605e22]),
-        ...     ),
-        ...     turning=7.292115e-5,
-        ... )
     """
     days, seconds = _since_j2000(epoch)
     centuries = (days + seconds / _DAY) / 36525
@@ -53,9 +45,8 @@ def _since_j2000(epoch: Any) -> tuple[float, float]:
     if isinstance(epoch, int | float) and not isinstance(epoch, bool):
         days = float(epoch) - _JULIAN_OF_J2000
         if not abs(days) <= _YEARS * 365.25:
-            raise ValueError(
-                f"epoch must be a Julian date from 1800 to 2200, got {shown(epoch)}; add 2400000.5 to a modified one."
-            )
+            problem = f"must be a Julian date from 1800 to 2200, got {shown(epoch)}"
+            raise ValueError(f"epoch {problem}; add 2400000.5 to a modified one.")
         return days, 0.0
     if isinstance(epoch, datetime) and epoch.tzinfo is not None:
         epoch = epoch.astimezone(UTC).replace(tzinfo=None)

@@ -1,7 +1,4 @@
-"""Midpoint rules on the sphere: the symplectic spherical midpoint rule, and the paper's Lie midpoint rule.
-
-Both are implicit, of order 2, and solve a fixed-point equation for all spins at once.
-"""
+"""Implicit midpoint rules on the sphere: a symplectic one, and the paper's Lie midpoint rule."""
 
 from abc import abstractmethod
 from typing import Any
@@ -16,7 +13,7 @@ from .._xla.fusion import split
 from ..integrators.base import Method
 from ..integrators.system import AnyMotion, Motion, System
 from ..integrators.verdict import verdict
-from .body import Spins
+from .state import Spins
 from .turns import turned
 
 _MOST = 100  # iterations; each multiplies an error by about h |d2H/dS2| / 2
@@ -48,7 +45,6 @@ class MidpointOnSphere(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del t1, force
         if system.torque is None:
             return motion, None, True
         start: cp.Vector = motion.momentum
@@ -74,7 +70,6 @@ class SphericalMidpoint(MidpointOnSphere):
     symplectic: bool = eqx.field(static=True, default=True)
 
     def moved(self, spin: cp.Vector, middle: cp.Vector, change: cp.Vector) -> cp.Vector:
-        del middle
         return cp.add(spin, change)
 
 

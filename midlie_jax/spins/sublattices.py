@@ -1,10 +1,8 @@
 """`Sublattices`: one sublattice after the other rotates in the field of the others, which are held fixed.
 
-No spin acts on another spin of its sublattice. While the others are fixed, the field is constant and each spin rotates
-about it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau,
-Comput. Phys. Commun. 111, 1998, 1). Every such rotation conserves the energy of all fields that are linear in the spin.
-The method is explicit and reversible and preserves phase-space volume. It is not symplectic: no Hamiltonian rotates one
-sublattice in the field of the others and keeps the others fixed.
+The field is then constant and each spin rotates about it by a known angle (Frank, Huang and Leimkuhler, J. Comput.
+Phys. 133, 1997, 160; Krech, Bunker and Landau, Comput. Phys. Commun. 111, 1998, 1). The method conserves the energy of
+fields that are linear in the spin and phase-space volume. It is not symplectic.
 """
 
 from functools import partial
@@ -21,20 +19,19 @@ from .._xla.fusion import split
 from .._xla.structure import once_for_numbers
 from ..integrators.base import Method
 from ..integrators.scheme import Scheme
+from ..integrators.stages import BATH as BATH
+from ..integrators.stages import KICK as KICK
 from ..integrators.system import AnyMotion, Motion, System
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import kept_terms, on_body, terms_of
 from ..model.torques.by_step import is_by_step
-from .body import Spins, checkerboard
-from .checkered import Checkered, can_be_checkered, checkered_kind
-from .fields import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
-from .neighbours import NeighbourField
-from .state import SpinState
+from .checkered import Checkered, CheckeredSpins, can_be_checkered
+from .fields import Anisotropy, AppliedField, NeighbourField, OwnField, SpinField, in_dtype_of
+from .state import Spins, SpinState, checkerboard
 from .thermal_field import ThermalField
 from .turns import damped, turned, turned_by_own, unit
-from .word import BATH, KICK, order_of_parts, rows_of_loop, word
 
 CLOCK, OWN = "clock", "own"
 
@@ -43,11 +40,8 @@ class OnSublattices(eqx.Module):
     """The spins of a run.
 
     Attributes:
-        spins: the body.
         labels: the sublattice of each spin, (*lattice), if spins are selected by it, or None.
-        count: the number of sublattices.
-        own: the fields of spins on themselves.
-        terms: the other fields, if all belong to this package.
+        own, terms: the fields of spins on themselves; the other fields.
         checkered: the neighbour tables, if the two sublattices of a checkerboard are separate arrays.
     """
 
@@ -82,10 +76,7 @@ class Sublattices(Method):
 
     def __init__(self, scheme: Scheme):
         if scheme.gradients:
-            raise ValueError(
-                f"scheme {scheme.name!r} uses gradients of forces, which sublattices do not have; choose "
-                "another, such as SRKN6b or KL6."
-            )
+            raise ValueError(f"scheme {scheme.name!r} uses gradients of forces; choose another, as SRKN6b or KL6.")
         self.scheme = scheme.merged()
         self.name = f"SUBLATTICES[{scheme.name}]"
         self.order = order_of_parts(scheme)
@@ -108,10 +99,7 @@ class Sublattices(Method):
         return system.keeps_torque and reused and system.inertia.checkered is None
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises unless the fields come from other sublattices, or have a known closed form.
-
-        In an ensemble, a custom function is tested if its parameters fit one lattice.
-        """
+        """Raises unless the fields come from other sublattices, or have a known closed form."""
         lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
@@ -145,7 +133,7 @@ class Sublattices(Method):
         inertia = OnSublattices(body, labels, count, own, tuple(terms_of(others)), checkered)
         system = system._replace(inertia=inertia, placement=system.placement.if_costly(costly))
         if checkered is not None:
-            system = system._replace(kind=checkered_kind(lattice))
+            system = system._replace(kind=CheckeredSpins(SpinState, SpinState.leaves, lattice))
         if self.random:
             assert isinstance(bath, ThermalField)
             bath.check_on(start, body)
@@ -192,7 +180,7 @@ class Sublattices(Method):
     def _step_in_loop(
         self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
     ) -> tuple[Any, Any]:
-        """`_step_unrolled` as a loop of steps X and adjoint steps X* of `word.py`, without the last rotation of X*."""
+        """`_step_unrolled` as a loop of steps X and adjoint steps X* of `word`, without the last rotation of X*."""
         first, last = 0, len(parts.names) - 1
         middle = [*range(1, last)]
         if self.scheme.stages[0][0] != KICK:
@@ -229,12 +217,8 @@ class Sublattices(Method):
 
 
 class _Parts(eqx.Module):
-    """The parts of a step, which rotate in turn.
-
-    Attributes:
-        names: for each part the number of its sublattice, or CLOCK, which advances time, or the index in `own`.
-        own: pairs of a field of spins on themselves, and one of its axes.
-        system: of the run.
+    """The parts of a step, which rotate in turn: the number of a sublattice, CLOCK, which advances time, or an index in
+    `own`, pairs of a field of spins on themselves and one of its axes.
     """
 
     names: tuple[Any, ...]
@@ -258,7 +242,6 @@ class _Parts(eqx.Module):
         return self.system.force(t, Motion(spin, ()))
 
     def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
-        """The spins after a part has rotated for a time, and the field on it, given or at the time t."""
         name, on = self.names[number], self.system.inertia
         if isinstance(name, tuple):
             own = partial(_own_turn, on.spins, *self.own[name[1]], time)
@@ -290,7 +273,6 @@ def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vec
 
 
 def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
-    """The number of sublattices: given by the body, or one if no spin acts on another, or two."""
     if body.sublattices is not None:
         if body.sublattices.shape != lattice:
             raise ValueError(f"sublattices must have the shape {lattice} of the lattice, got {body.sublattices.shape}.")
@@ -323,12 +305,9 @@ def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
 
 
 def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int, dtype: str, one: bool) -> None:
-    """Raises if a custom field depends on spins of the sublattice on which it acts.
+    """Raises if, at random spins, a custom field depends on spins of the sublattice on which it acts.
 
-    At random spins, the derivative of the field along changes of one sublattice must vanish on that sublattice.
-
-    Args:
-        one: whether the function belongs to one lattice; otherwise its parameters may have a row for each.
+    `one` is whether the function belongs to one lattice; otherwise its parameters may have a row for each.
     """
     field = on_body(term, body)
     if cp.is_traced(*jax.tree.leaves(field), body.sublattices):
@@ -356,3 +335,64 @@ def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int
                 "Spins(sublattices=...) without such interactions, or use the method 'spherical "
                 "midpoint'."
             )
+
+
+_LARGEST_GENERAL_ORDER = 4
+_ROUNDING = 1e-14
+
+
+def order_of_parts(scheme: Scheme) -> int:
+    """The order of a table for parts that are not kicks.
+
+    Tables of kicks and flights may use that the commutator [K, [K, [K, F]]] is zero. It is of fourth order, and its
+    terms cancel in a symmetric table. A symmetric table of order 4 therefore holds for any parts, and one of higher
+    order only if it is composed of symmetric steps.
+    """
+    if scheme.composed:
+        return scheme.order
+    return min(scheme.order, _LARGEST_GENERAL_ORDER if scheme.symmetric or scheme.random else 3)
+
+
+def word(scheme: Scheme, count: int) -> list[tuple[int | str, float]]:
+    """The rotations of a step: pairs of the number of a part, counted from 0, or of BATH, and its coefficient.
+
+    The kicks of the scheme are the first part and its flights the last; with one part, flights are skipped.
+    """
+    if count == 1:
+        return [(kind if kind == BATH else 0, c) for kind, c in scheme.stages if kind in (KICK, BATH)]
+    turns: list[tuple[int | str, float]] = []
+    begun = 0.0  # the coefficient of the step X or X* whose first end part has acted
+
+    def between(coefficient: float, backwards: bool) -> None:
+        if abs(coefficient) > _ROUNDING:
+            middle = range(1, count - 1)
+            turns.extend((part, coefficient) for part in (reversed(middle) if backwards else middle))
+
+    for kind, coefficient in scheme.stages:
+        if kind == BATH:
+            turns.append((BATH, coefficient))
+            continue
+        first = kind == KICK
+        turns.append((0 if first else count - 1, coefficient))
+        begun = coefficient - begun
+        between(begun, backwards=not first)
+    return turns
+
+
+def rows_of_loop(scheme: Scheme) -> list[tuple[float, ...]]:
+    """An alternating scheme as a loop: for each iteration of `Sublattices`, the coefficients and times.
+
+    Each row has the coefficients of the outer part, of X, of the inner part and of X*, and the times, in steps, before
+    X, between X and X*, and after X*. The last row has only the coefficient of the outer part that ends the step.
+    """
+    coefficients = [c for _, c in scheme.stages]
+    rows: list[tuple[float, ...]] = []
+    begun, elapsed = 0.0, 0.0
+    for outer, inner in zip(coefficients[0:-1:2], coefficients[1::2], strict=True):
+        forth = outer - begun
+        begun = inner - forth
+        between, after = elapsed + forth, elapsed + forth + begun
+        rows.append((outer, forth, inner, begun, elapsed, between, after))
+        elapsed = after
+    last = (*rows[-1][:-1], 1.0)  # rounded coefficients do not sum exactly to 1
+    return [*rows[:-1], last, (coefficients[-1],)]

@@ -13,7 +13,7 @@ from .._math.normals import normals
 from ..model.baths.base import Warm, words_of
 from ..model.exposure import root_of
 from ..model.state import AnyState
-from .body import Spins
+from .state import Spins
 from .turns import turned
 
 
@@ -50,9 +50,7 @@ class ThermalField(Warm):
 
     def check_kind(self, state: AnyState, body: Any) -> None:
         if not isinstance(body, Spins):
-            raise ValueError(
-                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies use Langevin."
-            )
+            raise ValueError(f"ThermalField acts on spins, not on a {type(body).__name__}; use Langevin for bodies.")
         if body.damping is None:
             raise ValueError("ThermalField needs a damping, which sets its strength; use Spins(damping=...).")
 
@@ -61,23 +59,13 @@ class ThermalField(Warm):
         shape = start.spin.shape[:-1]
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
         numbered, _ = kind.parts(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
-        member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
+        member = cp.wrapped(numbered, lambda vector: vector[0])
         return BathOfSpins(self.root, words_of(self.key), (body.damping * body.rate).astype(start.spin.dtype), member)
 
 
-def _is_vector(tree: Any) -> bool:
-    return isinstance(tree, tuple) and bool(tree) and isinstance(tree[0], Array)
-
-
 class BathOfSpins(NamedTuple):
-    """A `ThermalField`, prepared for the steps of a run.
-
-    Attributes:
-        root: the function of time sqrt(kT).
-        key: two or four words, uint32, of the random key.
-        mobility: g alpha, () or in the shape of the lattice.
-        member: the site of each spin in the lattice, in the form of the components of the spins.
-        step: the index of the step, or None outside a step.
+    """A `ThermalField`, prepared for the steps of a run: sqrt(kT) as a function of time, words of the key, the mobility
+    g alpha, the site of each spin in the form of the components of the spins, and the step.
     """
 
     root: Callable[[Any], Array]

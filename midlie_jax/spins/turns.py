@@ -59,14 +59,10 @@ def _tanh_ratio(square: Array) -> Array:
 
 
 def turned_by_own(spin: cp.Vector, axis: Any, ratio: Array, h: Array, damping: Array) -> cp.Vector:
-    """Spins after the time h in a field ratio z along an axis, z = S . axis, with damping.
+    """Spins after the time h in a field ratio z along an axis, z = S . axis, times g, with damping alpha.
 
     z' = alpha ratio z (1 - z^2), so sinh(atanh z) grows by the factor E = exp(x), x = alpha ratio h. The angle about
     the axis is the change of atanh z divided by alpha, which for alpha = 0 is ratio z h.
-
-    Args:
-        ratio: the field along the axis over z, times g.
-        damping: alpha.
     """
     z = cp.dot(axis, spin)
     x = damping * ratio * h

@@ -1,8 +1,7 @@
 """Heat baths: friction and thermal noise, the argument `bath` of a run whose method has a bath stage.
 
 A bath is a friction, a noise, or both, and baths add. `Langevin` has both, in the frame of the body. `Recoil` is noise
-alone, in the space frame. `base` has what every bath needs, random keys and the checks that a run makes. The bath of
-spins is `midlie_jax.spins.ThermalField`.
+alone, in the space frame. The bath of spins is `midlie_jax.spins.ThermalField`.
 """
 
 from ..._lazy import names_of

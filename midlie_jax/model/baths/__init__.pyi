@@ -1,3 +1,3 @@
 from .base import Sum as Sum
 from .langevin import Langevin as Langevin
-from .recoil import Recoil as Recoil
+from .langevin import Recoil as Recoil

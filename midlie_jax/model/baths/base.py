@@ -8,61 +8,47 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from ..._checks.arguments import as_not_negative, described, is_key
-from ..bodies import Body, RigidBody, TensorBody
-from ..exposure import PreparedBath, PreparedSum, root_of
+from ..._checks.arguments import as_finite, as_not_negative, described, is_key, require, require_function, shown
+from ..._math.components import is_traced
+from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
+from ..exposure import ROUNDED, PreparedBath, PreparedSum, root_of
 from ..rotor import SymmetricRotor
 from ..state import AnyState
-from .coefficient import check_shape, check_travel, shape_of
 
 
 class HeatBath(eqx.Module):
-    """Base class of heat baths."""
-
     methods: ClassVar[str]
 
     @property
-    @abstractmethod
     def keys(self) -> tuple[Any, ...]:
         """The random keys, or what a tree of this form has in their place."""
+        own: Any = self
+        return (own.key,)
 
     def check(self, state: Any) -> None:
         """Raises unless the numbers of the bath fit the state of one body."""
-        del state
 
     @abstractmethod
     def check_kind(self, state: Any, body: Any) -> None:
         """Raises unless the bath can act on this kind of body; reads no shapes, so the state may have more axes."""
 
     def check_on(self, state: Any, body: Any) -> None:
-        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
         self.check_kind(state, body)
         for key in self.keys:
             if key.shape:
-                raise ValueError(
-                    f"a bath of one run has one key, got {key.shape} of them; several are for midlie_jax.ensemble."
-                )
+                raise ValueError(f"a bath of one run has one key, got {key.shape}; more are for midlie_jax.ensemble.")
 
 
 class Warm(HeatBath):
-    """A bath with a temperature.
-
-    Attributes:
-        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
-        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
-    """
-
     kT: Any
     key: Array
 
     def __init__(self, kT: Any, key: Any):
-        self.kT, self.key = _as_temperature(kT), as_key(key)
-
-    @property
-    def keys(self) -> tuple[Any, ...]:
-        return (self.key,)
+        self.kT = kT if callable(kT) else as_not_negative("kT", kT, cure="check its sign.")
+        self.key = as_key(key)
 
     def root(self, t: Array) -> Array:
         """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
@@ -79,25 +65,22 @@ class Warm(HeatBath):
 
 
 class BathOfBodies(HeatBath):
-    """A bath of rigid bodies, which acts on their momenta. Such baths can be added: `a + b`.
-
-    Attributes:
-        numbers: the names of the fields of the rotation and of the translation.
-    """
+    """A bath that acts on the momenta of rigid bodies; `numbers` names the fields of rotation and translation."""
 
     methods: ClassVar[str] = "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
     numbers: ClassVar[tuple[str, ...]] = ()
 
-    @abstractmethod
-    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
-        """The bath prepared for the steps of a run, a `PreparedBath` or a `PreparedSum`.
+    def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
+        """The exposures of stages that take these times, by coefficient; with the temperature at t if `with_root`."""
+        raise NotImplementedError(f"{type(self).__name__} must define effects.")
 
-        Args:
-            body: the body of the run.
-            coefficients: of the bath stages.
-            t, h: a time of the run and its step, ().
-            start: the initial state.
-        """
+    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
+        """The bath prepared for the steps of a run: the coefficients of its stages, a time and its step h."""
+        times, words = {b: b * h for b in sorted(coefficients)}, words_of(self.keys[0])
+        if any(callable(getattr(self, name)) for name in self.numbers):
+            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
+        root = getattr(self, "root", None) if callable(getattr(self, "kT", None)) else None
+        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
 
     def check_kind(self, state: Any, body: Any) -> None:
         name = type(self).__name__
@@ -192,11 +175,70 @@ def words_of(key: Array) -> tuple[Array, ...]:
     return tuple(words[i] for i in range(words.shape[-1]))
 
 
-def _as_temperature(kT: Any) -> Any:
-    return kT if callable(kT) else as_not_negative("kT", kT, cure="check its sign.")
-
-
 def as_key(key: Any) -> Array:
     if not is_key(key):
         raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
     return key
+
+
+def as_coefficient(name: str, value: Any) -> Any:
+    if callable(value):
+        require_function(name, value, "t")
+        return value
+    return as_tensor(name, value)
+
+
+def as_tensor(name: str, value: Any) -> Array:
+    """Finite numbers that are not negative, or symmetric tensors (..., 3, 3) without a negative eigenvalue."""
+    numbers = as_finite(name, value)
+    if numbers.shape[-2:] != (3, 3) or is_traced(numbers):
+        require(name, numbers, lambda x: x >= 0, "must not be negative", "check its sign.")
+        return numbers
+    tensor = np.asarray(numbers, np.float64)
+    largest = np.abs(tensor).max(initial=0.0)
+    if not is_symmetric(tensor):
+        raise ValueError(
+            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; or, "
+            f"{read_as_tensor(name)}."
+        )
+    least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
+    if least < -ROUNDED * largest:
+        raise ValueError(
+            f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
+            f"signs; or, {read_as_tensor(name)}."
+        )
+    return numbers
+
+
+def at(value: Any, t: Array) -> Array:
+    """The numbers at a time, in the dtype of the time; NaN if one is negative, or a tensor is not symmetric."""
+    if not callable(value):
+        return value.astype(t.dtype)
+    found: Any = value(t)
+    numbers = jnp.asarray(found).astype(t.dtype)
+    if numbers.shape[-2:] != (3, 3):
+        return jnp.where(numbers < 0, jnp.nan, numbers)
+    off = jnp.abs(numbers - jnp.swapaxes(numbers, -1, -2))
+    return jnp.where(jnp.any(off > ROUNDED * jnp.max(jnp.abs(numbers))), jnp.nan, numbers)
+
+
+def shape_of(value: Any, dtype: Any) -> tuple[int, ...]:
+    return jax.eval_shape(value, jax.ShapeDtypeStruct((), dtype)).shape if callable(value) else value.shape
+
+
+def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
+    count = state.momentum.shape[-2] if state.several else None
+    leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
+    if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
+        wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
+        raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
+
+
+def check_travel(bath: str, name: str, value: Any, state: Any) -> None:
+    kind = type(state).__name__
+    if (state.kind.rotation is None) != (value is None):
+        raise ValueError(
+            f"a {kind} translates: give {bath} the {name}, or 0 for none."
+            if state.kind.rotation is not None
+            else f"a {kind} does not translate: leave out {name}."
+        )

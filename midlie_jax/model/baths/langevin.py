@@ -1,9 +1,7 @@
-"""`Langevin`: friction and thermal noise of a heat bath on rigid bodies."""
+"""`Langevin`, friction and thermal noise of a heat bath on rigid bodies; `Recoil`, noise in the space frame."""
 
-from collections.abc import Iterable
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -11,12 +9,11 @@ from jax import Array
 from ..._checks.arguments import shown
 from ..._math.components import is_traced
 from ..bodies import Body, RigidBody
-from ..exposure import PreparedBath, exposures
+from ..exposure import exposures, kicks
 from ..rotor import SymmetricRotor
 from ..state import AnyState
 from ..torques.reads_body import knows_axis_alone
-from .base import BathOfBodies, Warm, words_of
-from .coefficient import as_coefficient, at
+from .base import BathOfBodies, Warm, as_coefficient, as_key, at
 
 
 class Langevin(Warm, BathOfBodies):
@@ -26,15 +23,10 @@ class Langevin(Warm, BathOfBodies):
     these equations exactly. A free body therefore keeps the Maxwell distribution, `<Pi_i^2> = kT I_i` and
     `<p_i^2> = kT m`, at any step that the flight supports. docs/heat.md describes the effect of a torque.
 
-    With a torque, averages have an error of second order in the step: the weak order of a scheme with a bath is 2. In a
-    harmonic well of frequency omega, let s = (h omega)^2/4. BAOAB and ABOBA have the exact variance of the position,
-    and 1 - s and 1/(1 - s) times the exact variance of the momentum. OBABO has the exact variance of the momentum, and
-    1/(1 - s) times the exact variance of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for
-    rotations Davidchack, Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are taken along the
-    path, for fixed noise.
-
-    Averages are accurate at any friction, but dynamics need x = G h/I << 1: a free body diffuses (x/2) coth(x/2) times
-    too fast, by 2 percent at x = 0.5 and 31 percent at x = 2. For translation x = g h/m.
+    With a torque, averages have an error of second order in the step (Leimkuhler and Matthews, Appl. Math. Res. Express
+    2013, 34; for rotations Davidchack, Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Dynamics need x = G
+    h/I << 1, and g h/m << 1: a free body diffuses (x/2) coth(x/2) times too fast, by 2 percent at x = 0.5. Derivatives
+    are taken along the path, for fixed noise.
 
     The random numbers depend only on the key, on the index of the step and of the stage, and for coupled bodies on the
     index of the body. A run in blocks must therefore pass `first_step`; it then has the noise of the uninterrupted run,
@@ -77,16 +69,7 @@ class Langevin(Warm, BathOfBodies):
         self.friction = as_coefficient("friction", friction)
         self.linear_friction = None if linear_friction is None else as_coefficient("linear_friction", linear_friction)
 
-    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedBath:
-        times = {b: b * h for b in sorted(coefficients)}
-        words = words_of(self.key)
-        if callable(self.friction) or callable(self.linear_friction):
-            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
-        root = self.root if callable(self.kT) else None
-        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
-
     def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
-        """The exposures of stages that take these times, by coefficient; with the temperature at t if `with_root`."""
         principal, frame = body.in_principal_axes(), body.frame_of_user()
         friction, linear = self.frictions(body, t)
         root = self.root(t) if with_root else None
@@ -131,3 +114,53 @@ def _not_symmetric(name: str, friction: Any, state: AnyState) -> ValueError:
         f"{name} on a {type(state).__name__} must be a number, or three numbers with the first "
         f"two equal, got {got}; use a state with an attitude for another friction."
     )
+
+
+class Recoil(BathOfBodies):
+    """Noise without friction, such as the recoil of photons: dL = sqrt(2 D) dW in the space frame; likewise for p.
+
+    The mean kinetic energy of a free body grows at a constant rate: tr(D)/m for the translation with the linear
+    diffusion D, and tr(D)/I for the rotation of a sphere. Add friction and noise of a gas as
+    `Langevin(...) + Recoil(...)`. The numbers do not depend on the orientation of the body.
+
+    Attributes:
+        diffusion: D, the diffusion of the angular momentum, `<dL_i dL_j> = 2 D_ij dt`: a number (), three numbers (3,)
+            along the space axes, or a symmetric tensor (3, 3) in the space frame, which a state without an attitude or
+            an axis does not support. For coupled bodies, numbers and tensors may have an axis for the bodies, (N, 3)
+            and (N, 3, 3). Or a function of time t that returns one of these.
+        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
+        linear_diffusion: of the linear momentum, likewise; for a body that translates, 0 for none. None for a body that
+            does not translate.
+
+    Raises:
+        ValueError: a diffusion that is negative, not symmetric or not positive semi-definite, or of another shape; a
+            key that is not typed. When a run begins: as for `Langevin`.
+
+    Examples:
+        >>> sphere = ml.FreeBody(ml.RigidBody([0.4, 0.4, 0.4]), mass=1.0)
+        >>> rest = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+        >>> laser = ml.baths.Recoil(0.0, jax.random.key(0), linear_diffusion=[0.1, 0.1, 0.4])
+        >>> path = ml.integrate("JACOBI[BAOAB]", sphere, None, rest, dt=0.1, steps=10, bath=laser)
+        >>> path.states.linear.shape, bool(path.ok)
+        ((11, 3), True)
+    """
+
+    numbers: ClassVar[tuple[str, ...]] = ("diffusion", "linear_diffusion")
+    diffusion: Any
+    key: Array
+    linear_diffusion: Any
+
+    def __init__(self, diffusion: Any, key: Any, linear_diffusion: Any = None):
+        self.diffusion, self.key = as_coefficient("diffusion", diffusion), as_key(key)
+        self.linear_diffusion = (
+            None if linear_diffusion is None else as_coefficient("linear_diffusion", linear_diffusion)
+        )
+
+    def effects(self, body: Body, times: dict[float, Array], t: Array, with_root: bool = True) -> Any:
+        linear = None if self.linear_diffusion is None else at(self.linear_diffusion, t)
+        return {b: kicks(body.in_principal_axes(), at(self.diffusion, t), linear, time) for b, time in times.items()}
+
+    def check_numbers(self, name: str, shape: tuple[int, ...], state: AnyState, body: Any) -> None:
+        known = hasattr(state, "attitude") or isinstance(body.turning, SymmetricRotor)
+        if name == "diffusion" and shape and not known:
+            raise ValueError(f"diffusion must be a number for a {type(state).__name__}, got {shape}; use a RigidState.")

@@ -1,8 +1,4 @@
-"""Orbits, and magnetic fields along an orbit: inputs of torques and step densities.
-
-`base` defines the interface. `circular`, `kepler` (with `elements`) and `table` have orbits, `dipole` and `table` have
-fields. `units` scales their numbers to about one.
-"""
+"""Orbits, and magnetic fields along an orbit: inputs of torques and step densities."""
 
 from ..._lazy import names_of
 

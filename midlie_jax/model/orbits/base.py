@@ -1,6 +1,6 @@
 """The interface of an orbit: a position as a function of time, and the times at which it is known."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,6 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..._math import components as cp
+from ..._math.powers import bounded, exponent
 from .. import so3
 
 # Kilometres in place of metres, in the orbit or in mu, change v^2 r / mu by 1e9.
@@ -72,10 +73,8 @@ class Orbit(Timed):
 
 
 def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str = "pass lambda t: orbit(t)") -> None:
-    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle.
-
-    On a hyperbola it exceeds 2, and far from the mass it is large, so the limits are wide. An orbit at rest is not
-    checked.
+    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle, above 2 on a
+    hyperbola.
     """
     rows = orbit.known() if isinstance(orbit, Orbit) else None
     if rows is None or cp.is_traced(rows, mu):
@@ -91,6 +90,26 @@ def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str 
 
 
 def orbits_in(tree: Any) -> list[Timed]:
-    """All orbits and tables in a torque or a density, at any depth."""
     leaves = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, Timed))
     return [leaf for leaf in leaves if isinstance(leaf, Timed)]
+
+
+class Units(NamedTuple):
+    """Constant units of length and time in which a position has the size 1 to 2 and mu, times `of_mu`, is 1 to 4.
+
+    In float32 and SI units, the square of the Sun's mu is infinite, and XLA forms such products from nested quotients.
+    Powers of two do not change a result.
+    """
+
+    length: Array
+    per_length: Array
+    per_time: Array
+    per_speed: Array
+    of_mu: Array
+
+    @classmethod
+    def of(cls, position: cp.Vector, mu: Array) -> "Units":
+        n, of_mu = exponent(cp.largest(position)), exponent(mu)
+        time = (3 * n - of_mu) // 2
+        powers: Any = (n, -n, -time, time - n, 2 * time - 3 * n)
+        return cls(*(bounded(jnp.asarray(power), mu.dtype) for power in powers))

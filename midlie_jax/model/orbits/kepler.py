@@ -8,14 +8,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_finite, as_floats, as_positive
+from ..._checks.arguments import as_finite, as_floats, as_not_negative, as_positive, require
 from ..._math import components as cp
 from ..._math import universal
 from ..._math.universal import Place
 from ..._xla.fusion import split
-from .base import Orbit, check_units
-from .elements import of_elements
-from .units import Units
+from .base import Orbit, Units, check_units
 
 _NEARLY_ROUND = 0.5  # below this eccentricity nothing uses the direction of the periapsis
 
@@ -25,11 +23,9 @@ class KeplerOrbit(Orbit):
 
     It uses Lagrange's f and g functions in universal variables, from the periapsis, with a fixed number of operations
     and no branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 4.5).
-    The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps, so the relative error
-    is a few eps times the sensitivity of the orbit. From the periapsis, where `from_elements` starts, the error is a
-    few eps out to 1e4 times its distance. On an ellipse it is some eps per revolution. The first three derivatives with
-    respect to time, and the derivatives with respect to the inputs, are equally accurate, including on a circle and on
-    a parabola.
+    The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps; on an ellipse by some
+    eps per revolution. The first three derivatives with respect to time, and those with respect to the inputs, are
+    equally accurate, including on a circle and on a parabola.
 
     Attributes:
         position: the position at the epoch, (3,), length.
@@ -64,10 +60,7 @@ class KeplerOrbit(Orbit):
         if not cp.is_traced(self.position, self.velocity):
             areas = np.cross(np.asarray(self.position), np.asarray(self.velocity))
             if not np.all(np.any(areas != 0, axis=-1)):
-                raise ValueError(
-                    "velocity must not be along the position, or zero, because such an orbit falls into the "
-                    "centre; give it a part across the position."
-                )
+                raise ValueError("velocity must not be along the position, or zero; give it a part across it.")
         # A flight past a small asteroid may have the speed of a table in other units.
         check_units(self, self.mu, np.inf, "start nearer to the periapsis")
 
@@ -112,13 +105,13 @@ class KeplerOrbit(Orbit):
             ValueError: not exactly one of the alternatives, an element out of range or not finite; an inclination above
                 pi or another angle above 2 pi, such as one in degrees.
         """
-        mu, eccentricity = as_floats("mu", mu), as_floats("eccentricity", eccentricity)
-        sizes, places = (
-            (periapsis, semi_major_axis, semi_latus_rectum),
-            (time_of_periapsis, true_anomaly, mean_anomaly),
-        )
-        angles = (inclination, ascending_node, argument_of_periapsis)
-        position, velocity, time = of_elements(mu, eccentricity, sizes, angles, places, epoch)
+        mu, e = as_floats("mu", mu), as_not_negative("eccentricity", eccentricity, cure="check its sign.")
+        sizes = {"periapsis": periapsis, "semi_major_axis": semi_major_axis, "semi_latus_rectum": semi_latus_rectum}
+        size = _only_one(sizes, "the size of the orbit")
+        places = {"time_of_periapsis": time_of_periapsis, "true_anomaly": true_anomaly, "mean_anomaly": mean_anomaly}
+        place = _only_one(places, "where the body is")
+        angles = inclination, ascending_node, argument_of_periapsis
+        position, velocity, time = _of_elements(mu, e, *size, *place, angles, epoch)
         return cls(position, velocity, mu, time)
 
     def known(self) -> tuple[Array, Array]:
@@ -130,19 +123,15 @@ class KeplerOrbit(Orbit):
 
 @jax.jit
 def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.Vector:
-    """The position at a time since the epoch: about a thousand operations, traced once for all calls.
-
-    It compiles to three loops, for the constants, the root and the position; in a single loop XLA would repeat parts.
-    """
+    """The position at a time since the epoch: a thousand operations, traced once for all calls, in three loops."""
     dtype = jnp.result_type(mu, *position, *velocity)
     position, velocity, mu = jax.tree.map(lambda x: x.astype(dtype), (position, velocity, mu))
     return split(split(_Orbit.of(position, velocity, mu)).at(t))
 
 
 class _Orbit(NamedTuple):
-    """An orbit in units of its periapsis q, starting at a position that is the periapsis up to rounding.
-
-    All but the last three fields are differentiated, including through the units.
+    """An orbit in units of its periapsis q, from a position that is the periapsis up to rounding; all but the last
+    three fields are differentiated, including through the units.
     """
 
     place: Place
@@ -211,7 +200,6 @@ class _Orbit(NamedTuple):
         return cp.add(cp.scale(f, self.position), cp.scale(g, self.velocity))
 
     def _within_a_turn(self, time: Array) -> Array:
-        """The time modulo the period of an ellipse."""
         ellipse = self.alpha > _least(self.alpha)
         alpha = jnp.where(ellipse, self.place.alpha, jnp.ones_like(self.alpha))
         motion = alpha * jnp.sqrt(alpha)
@@ -254,3 +242,78 @@ def _periapsis(
 def _direction(v: cp.Vector) -> cp.Vector:
     square = cp.dot(v, v)
     return cp.scale(1 / jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)), v)
+
+
+_ROUNDED = 1e-5  # radians by which an inclination may leave its range
+_ANGLES = "inclination", "ascending_node", "argument_of_periapsis"
+
+
+def _of_elements(
+    mu: Array, e: Array, size_name: str, size: Array, place_name: str, place: Array, angles: Any, epoch: Any
+) -> tuple[Array, Array, Array]:
+    if size_name == "semi_major_axis":
+        fits = _pair(lambda a, e: (a * (1 - e) > 0) & (e != 1), e)
+        cure = "a parabola has none: give periapsis."
+        require(size_name, size, fits, "must be positive on an ellipse, negative on a hyperbola", cure)
+        q = size * (1 - e)
+    else:
+        require(size_name, size, lambda x: x > 0, "must be positive", "give a length.")
+        q = size / (1 + e) if size_name == "semi_latus_rectum" else size
+    if place_name == "time_of_periapsis" and epoch is not None:
+        raise ValueError("epoch is the time of an anomaly and has no effect with time_of_periapsis; leave out epoch.")
+    epoch = as_floats("epoch", 0.0 if epoch is None else epoch)
+    cosine, sine = jnp.ones_like(q), jnp.zeros_like(q)
+    if place_name == "true_anomaly":
+        require(place_name, place, _within_a_turn, "must be between -2 pi and 2 pi", "give radians.")
+        fits = _pair(lambda anomaly, e: 1 + e * np.cos(anomaly) > 0, e)
+        require(place_name, place, fits, "must be where the orbit is", "a hyperbola has 1 + e cos(anomaly) > 0.")
+        cosine, sine, time = jnp.cos(place), jnp.sin(place), epoch
+    elif place_name == "mean_anomaly":
+        fits = _pair(lambda _, e: e != 1, e)
+        require(place_name, place, fits, "has no meaning on a parabola", "give time_of_periapsis.")
+        axis = q / jnp.abs(1 - e)
+        time = epoch - place * (axis * jnp.sqrt(axis / mu))
+    else:
+        time = place
+    inclination, node, argument = map(as_finite, _ANGLES, angles)
+    radians = "give radians, for example by np.deg2rad."
+    require("inclination", inclination, _is_inclination, "must be between 0 and pi", radians)
+    for name, value in zip(_ANGLES[1:], (node, argument), strict=True):
+        require(name, value, _within_a_turn, "must be between -2 pi and 2 pi", radians)
+    q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
+        *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
+    )
+    towards, across = _axes(inclination, node, argument)
+    parameter = q * (1 + e)
+    distance, speed = parameter / (1 + e * cosine), jnp.sqrt(mu / parameter)
+    position = cp.add(cp.scale(distance * cosine, towards), cp.scale(distance * sine, across))
+    velocity = cp.add(cp.scale(-speed * sine, towards), cp.scale(speed * (e + cosine), across))
+    return cp.pack(position), cp.pack(velocity), time
+
+
+def _is_inclination(angle: np.ndarray) -> Any:
+    return (angle >= -_ROUNDED) & (angle <= np.pi + _ROUNDED)
+
+
+def _within_a_turn(angle: np.ndarray) -> Any:
+    return np.abs(angle) <= 2 * np.pi + _ROUNDED
+
+
+def _axes(inclination: Array, node: Array, argument: Array) -> tuple[cp.Vector, cp.Vector]:
+    """The unit vectors towards the periapsis, and across it in the direction of motion there."""
+    (ci, si), (cn, sn), (ca, sa) = ((jnp.cos(x), jnp.sin(x)) for x in (inclination, node, argument))
+    towards = (cn * ca - sn * sa * ci, sn * ca + cn * sa * ci, sa * si)
+    return towards, (-cn * sa - sn * ca * ci, -sn * sa + cn * ca * ci, ca * si)
+
+
+def _pair(holds: Any, e: Array) -> Any:
+    """A condition on an element and the eccentricity; not checked if the eccentricity is traced."""
+    return lambda x: True if cp.is_traced(e) else holds(x, np.asarray(e))
+
+
+def _only_one(values: dict[str, Any], what: str) -> tuple[str, Array]:
+    given = [name for name, value in values.items() if value is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
+        raise ValueError(f"exactly one of {', '.join(values)} must set {what}, got {got}; give one.")
+    return given[0], as_finite(given[0], values[given[0]])

@@ -21,8 +21,6 @@ _NEIGHBOURS = 5  # positions from which a slope is computed
 
 
 class _Table(Timed):
-    """Values at given times."""
-
     times: Float[Array, " k"]
     even: bool = eqx.field(static=True)
 
@@ -60,15 +58,10 @@ class TableOrbit(_Table, Orbit):
 
     The error of the position is h^4 |r''''| / 384, with h the time between two rows; the error of the velocity is
     proportional to h^3. On a circle, 100 rows per revolution give the position to 4e-8 of the radius. Without
-    velocities the slopes come from the polynomial of fourth degree through the five nearest positions. On the circle
-    the largest error is then 1.7, 1.2 and 1.06 times as large with 50, 100 and 200 rows per revolution, next to the
-    ends of the table; elsewhere it is at most 1.03 times as large. Position and velocity are continuous, but
-    accelerations jump at the rows; a method of high order therefore needs closely spaced rows.
+    velocities the slopes come from the polynomial of fourth degree through the five nearest positions, and the error is
+    at most 1.2 times as large. Accelerations jump at the rows; a method of high order therefore needs close rows.
 
     Outside its times the position is NaN. A run raises an error before it starts if its times are known.
-
-    A position reads two rows of the table; their index is found by arithmetic if the times are even, otherwise by a
-    binary search. An ensemble with one shared table computes the position once per step.
 
     Attributes:
         times: ascending, (k,), at least 2.
@@ -101,9 +94,7 @@ class TableOrbit(_Table, Orbit):
         else:
             self.velocities = as_finite("velocities", velocities, shape)
             if self.velocities.shape != self.positions.shape:
-                raise ValueError(
-                    f"velocities must have the shape of positions, {self.positions.shape}, got {self.velocities.shape}."
-                )
+                raise ValueError(f"velocities must be {self.positions.shape}, got {self.velocities.shape}.")
             _require_fitting(self.times, self.positions, self.velocities)
 
     def known(self) -> tuple[Array, Array]:
@@ -150,7 +141,6 @@ class TableField(_Table):
 
 
 def _as_times(times: Any) -> tuple[Array, bool]:
-    """The times of a table, and whether they are even."""
     found = as_finite("times", times)
     if found.ndim != 1 or found.size < 2:
         raise ValueError(f"times must have shape (k,) with k at least 2, got {found.shape}.")
@@ -177,14 +167,10 @@ def _require_fitting(times: Array, positions: Array, velocities: Array) -> None:
 
 
 def _are_even(times: np.ndarray) -> bool:
-    """Whether the times are evenly spaced; a ValueError if they do not ascend."""
     steps = np.diff(times)
     if not np.all(steps > 0):
         n = int(np.argmin(steps > 0))
-        raise ValueError(
-            f"times must ascend, but times[{n + 1}] = {times[n + 1]} follows {times[n]}; sort the "
-            "rows and remove repeated ones."
-        )
+        raise ValueError(f"times must ascend, but times[{n + 1}] = {times[n + 1]} follows {times[n]}; sort the rows.")
     even = np.linspace(times[0], times[-1], len(times))
     return bool(np.all(np.abs(times - even) < _EVEN * steps.min()))
 

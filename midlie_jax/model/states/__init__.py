@@ -1,8 +1,4 @@
-"""The kinds of state, one per file: a momentum alone, or with one direction, the attitude, or the axis of symmetry.
-
-The last two can also translate; particles have positions only. `model/state.py` defines the interface of every state
-for steps and torques. A kind is imported at its first use.
-"""
+"""The kinds of state, each imported at its first use; `model/state.py` defines their interface."""
 
 from ..._lazy import names_of
 

@@ -1,7 +1,6 @@
 """The kinds of state, each with the file that it is from."""
 
 from .axis import AxisState as AxisState
-from .compensated import CompensatedState as CompensatedState
 from .coupled import Coupled as Coupled
 from .coupled import CoupledAxisState as CoupledAxisState
 from .coupled import CoupledFreeAxisState as CoupledFreeAxisState
@@ -11,6 +10,7 @@ from .direction import DirectionState as DirectionState
 from .free import FreeAxisState as FreeAxisState
 from .free import FreeState as FreeState
 from .free import TravellingState as TravellingState
-from .momentum import MomentumState as MomentumState
 from .particles import ParticleState as ParticleState
+from .rigid import CompensatedState as CompensatedState
+from .rigid import MomentumState as MomentumState
 from .rigid import RigidState as RigidState

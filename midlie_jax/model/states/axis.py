@@ -7,17 +7,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, is_unit, require
 from ..._math import components as cp
 from .. import so3
 from ..exposure import InSpace
 from ..kind import Leaves
-from ..leaf import Described, needs_attitude
+from ..leaf import Described, length_correction, needs_attitude
 from ..rotor import SymmetricRotor
 from ..state import State
-from .length import length_correction
+from .direction import UnitVector
 from .rigid import RigidState
-from .unit_vector import UnitVector
 
 _NO_SPIN = 1e-6  # relative to the angular velocity, below which a part along the axis is rounding
 SPATIAL_MOMENTUM = {
@@ -29,14 +28,7 @@ AXIS = {"long_name": "axis of symmetry in space", "units": "1", "frame": "space"
 
 
 class Swing(NamedTuple):
-    """A rotation of an axis about a vector u by 2 |u|, given by functions of |u|.
-
-    Attributes:
-        vector: u, in the space frame.
-        square: |u|^2.
-        sine: sin(2 |u|) / |u|.
-        versine: (1 - cos(2 |u|)) / |u|^2.
-    """
+    """A rotation of an axis about u in space by 2 |u|: |u|^2, sin(2 |u|) / |u| and (1 - cos(2 |u|)) / |u|^2."""
 
     vector: cp.Vector
     square: Array
@@ -99,10 +91,7 @@ class Axis(UnitVector):
         """NaN if the vector in the body is not along its axis of symmetry."""
         a, b, c = vector
         if not cp.is_traced(vector) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
-            raise ValueError(
-                f"an {type(owner).__name__} holds only the third axis of the body, but a torque acts on "
-                "another direction; use a RigidState."
-            )
+            raise ValueError("the state holds only the third axis of the body; for another direction use a RigidState.")
         along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
         return cp.scale(along, pose)
 
@@ -142,9 +131,8 @@ class AxisState(State):
     leaves: ClassVar[Leaves] = (Axis,)
 
     def __init__(self, momentum: Any, axis: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
+        self.momentum = as_finite("momentum", momentum, (3,))
         self.axis = as_floats("axis", axis, (3,))
-        require_finite("momentum", self.momentum)
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
 
     @classmethod
@@ -153,9 +141,7 @@ class AxisState(State):
         axis, velocity = cp.vector(state.axis), cp.vector(as_floats("velocity", velocity, (3,)))
         spin = cp.dot(axis, velocity)
         if body.along is None and (cp.is_traced(spin) or np.any(abs(np.asarray(spin)) > _NO_SPIN * cp.norm(velocity))):
-            raise ValueError(
-                "velocity has a part along the axis, the spin. Give its moment, SymmetricRotor(moment, along)."
-            )
+            raise ValueError("velocity has a part along the axis, the spin. Give SymmetricRotor(moment, along).")
         along = jnp.zeros_like(body.moment) if body.along is None else body.along
         momentum = cp.add(cp.vector(state.momentum), cp.scale((along - body.moment) * spin, axis))
         return cls(cp.pack(momentum), state.axis)

@@ -1,10 +1,4 @@
-"""States of N coupled bodies under one torque function, such as `CoupledState`.
-
-Such a state has the arrays of a one-body state with an additional axis (N,) before the last one. Single-body operations
-are done for all bodies side by side. Only the torque differs: one function of the whole state, evaluated on arrays and
-compiled separately from the step (`_xla/apart.py`). A few bodies under a short function are instead unrolled into
-scalars, in one loop (`members.py`).
-"""
+"""States of N coupled bodies, with an axis (N,) before the last one, under one torque function of all."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -29,8 +23,6 @@ from .rigid import RigidState
 
 
 class SideBySide(Kind):
-    """Coupled bodies side by side, as components (N,)."""
-
     several: ClassVar[bool] = True
     apart: ClassVar[bool] = True
 
@@ -51,7 +43,6 @@ class SideBySide(Kind):
         return body.batch[:-1]
 
     def of_run(self, state: Any, torque: Traits | None) -> Kind:
-        """Unrolled into scalars for few bodies and a short function."""
         short = torque is None or (torque.on_scalars and torque.scalars <= budgets.UNROLLED_OPERATIONS)
         return Unrolled(self.of, self.leaves, state.count) if state.count <= budgets.UNROLLED_BODIES and short else self
 
@@ -94,17 +85,9 @@ class Coupled(State):
         """The state of body i alone, such as a `FreeState`; for slice(None), the states of all bodies as a batch."""
         return self.member().unchecked(**{name: getattr(self, name)[..., i, :] for name in self.described()})
 
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        raise _acts_on_one()
-
-    def vertical(self) -> cp.Vector:
-        raise _acts_on_one()
-
-    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
-        raise _acts_on_one()
-
-    def to_space(self, vector: cp.Vector) -> cp.Vector:
-        raise _acts_on_one()
+    @property
+    def _pose(self) -> Any:
+        raise ValueError("this torque acts on one body; for coupled bodies use midlie_jax.torques.OnEach(torque).")
 
     def spatial_momentum(self) -> Array:
         return jnp.sum(super().spatial_momentum(), axis=-2)
@@ -122,10 +105,6 @@ class Coupled(State):
         return {name: (("member", *axes), about) for name, (axes, about) in super().described().items()}
 
 
-def _acts_on_one() -> ValueError:
-    return ValueError("this torque acts on one body; for several coupled bodies use midlie_jax.torques.OnEach(torque).")
-
-
 class CoupledState(Coupled, FreeState):
     """N coupled rigid bodies that rotate and translate: 13 N numbers.
 
@@ -134,10 +113,7 @@ class CoupledState(Coupled, FreeState):
     (N,), or one for all.
 
     Attributes:
-        momentum: angular momenta Pi about the centres of mass, each in the frame of its body, (..., N, 3).
-        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
-        linear: linear momenta p, space frame, (..., N, 3).
-        position: positions of the centres of mass, space frame, (..., N, 3).
+        momentum, attitude, linear, position: as for `FreeState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
 
     Raises:
         ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
@@ -164,8 +140,7 @@ class CoupledRigidState(Coupled, RigidState):
     (N, 3), or one for all.
 
     Attributes:
-        momentum: angular momenta Pi, each in the frame of its body, (..., N, 3).
-        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
+        momentum, attitude: as for `RigidState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
 
     Raises:
         ValueError: as for `RigidState`, or the arrays do not have one number N of bodies.
@@ -190,8 +165,7 @@ class CoupledAxisState(Coupled, AxisState):
     for all.
 
     Attributes:
-        momentum: angular momenta in the space frame, (..., N, 3).
-        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
+        momentum, axis: as for `AxisState`, with an axis for the bodies: (..., N, 3).
 
     Raises:
         ValueError: as for `AxisState`, or the arrays do not have one number N of bodies.
@@ -215,10 +189,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
     `SymmetricRotor` with moments (N,) and masses (N,), or one for all.
 
     Attributes:
-        momentum: angular momenta about the centres of mass, space frame, (..., N, 3).
-        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
-        linear: linear momenta p, space frame, (..., N, 3).
-        position: positions of the centres of mass, space frame, (..., N, 3).
+        momentum, axis, linear, position: as for `FreeAxisState`, with an axis for the bodies: (..., N, 3).
 
     Raises:
         ValueError: as for `FreeAxisState`, or the arrays do not have one number N of bodies.

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite
+from ..._checks.arguments import as_finite, as_floats
 from ..._math import components as cp
 from ..free_body import FreeBody
 from ..kind import Leaves
@@ -18,8 +18,6 @@ from .rigid import RigidState, Rotation
 
 
 class Translation(Leaf):
-    """A linear momentum and the position of the centre of mass, both in space."""
-
     about: ClassVar[tuple[Described, ...]] = (
         (("space_axis",), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
         (("space_axis",), {"long_name": "position of the centre of mass", "units": "length", "frame": "space"}),
@@ -29,7 +27,6 @@ class Translation(Leaf):
     def rates(
         cls, inertia: Array, h: Array, momentum: cp.Vector, pose: cp.Vector, force: cp.Vector | None
     ) -> tuple[cp.Vector, cp.Vector]:
-        """h times the force, and h times the velocity; the constant of the body is 1 / mass."""
         push = cp.scale(0, momentum) if force is None else cp.scale(h, force)
         return push, cp.scale(h * inertia, momentum)
 
@@ -48,10 +45,8 @@ class Translation(Leaf):
 
 
 class TravellingState(State):
-    """A rotational state with, in the space frame, the linear momentum and the position of the centre of mass.
-
-    Attributes:
-        rotation: the class of the rotational state, which has the first two fields.
+    """A rotational state, of the class `rotation`, with the linear momentum and the position of the centre of mass in
+    space.
     """
 
     linear: eqx.AbstractVar[Array]
@@ -90,13 +85,6 @@ class TravellingState(State):
         return jnp.cross(self.position, self.linear) + super().spatial_momentum()
 
 
-def _checked_travel(linear: Any, position: Any) -> tuple[Array, Array]:
-    linear, position = as_floats("linear", linear, (3,)), as_floats("position", position, (3,))
-    require_finite("linear", linear)
-    require_finite("position", position)
-    return linear, position
-
-
 class FreeState(TravellingState):
     """The state of a rigid body that rotates and translates: thirteen numbers.
 
@@ -129,7 +117,7 @@ class FreeState(TravellingState):
     def __init__(self, momentum: Any, attitude: Any, linear: Any, position: Any):
         turning = RigidState(momentum, attitude)
         self.momentum, self.attitude = turning.momentum, turning.attitude
-        self.linear, self.position = _checked_travel(linear, position)
+        self.linear, self.position = as_finite("linear", linear, (3,)), as_finite("position", position, (3,))
 
 
 class FreeAxisState(TravellingState):
@@ -163,7 +151,7 @@ class FreeAxisState(TravellingState):
     def __init__(self, momentum: Any, axis: Any, linear: Any, position: Any):
         turning = AxisState(momentum, axis)
         self.momentum, self.axis = turning.momentum, turning.axis
-        self.linear, self.position = _checked_travel(linear, position)
+        self.linear, self.position = as_finite("linear", linear, (3,)), as_finite("position", position, (3,))
 
     @classmethod
     def of(cls, state: FreeState) -> "FreeAxisState":

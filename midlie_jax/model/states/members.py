@@ -1,7 +1,6 @@
-"""`Unrolled`: a few coupled bodies unrolled into scalars in a step, as a tuple with the numbers of one body each.
+"""`Unrolled`: `count` coupled bodies unrolled into scalars in a step, as a tuple with the numbers of one body each.
 
-The whole step, including the torque function, is then written on scalars and compiles to one loop over many replicas,
-as for a single body. Every method applies the method of the one-body state to each body.
+The whole step, including the torque function, then compiles to one loop over many replicas, as for a single body.
 """
 
 from collections.abc import Callable
@@ -19,12 +18,6 @@ from ..kind import Kind, both
 
 
 class Inertias(NamedTuple):
-    """Constants of a run of several bodies.
-
-    Attributes:
-        members: the constants of each body.
-    """
-
     members: tuple[Any, ...]
 
     def velocity(self, momentum: Any) -> Any:
@@ -45,13 +38,6 @@ class Inertias(NamedTuple):
 
 @dataclass(frozen=True)
 class Unrolled(Kind):
-    """Coupled bodies unrolled into scalars: momentum and pose are tuples with those of each body.
-
-    Attributes:
-        of: the class of the states of all bodies.
-        count: the number N of bodies.
-    """
-
     count: int
     several: ClassVar[bool] = True
 
@@ -69,7 +55,6 @@ class Unrolled(Kind):
         return None
 
     def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:
-        """The constants of each body, from constants that have an axis (N,) or serve every body."""
         each = range(self.count)
         frames = None if frame is None else tuple(_entry(frame, i) for i in each)
         return Inertias(tuple(_entry(inertia, i) for i in each)), frames

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite
+from ..._checks.arguments import as_finite
 from ..bodies import Particles
 from ..kind import Kind, Leaves
 from ..leaf import Described, Flat
@@ -15,8 +15,6 @@ from ..state import State
 
 
 class Positions(Flat):
-    """Momenta and positions as arrays of any shape, which steps do not split."""
-
     about: ClassVar[tuple[Described, ...]] = (
         ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
         ((), {"long_name": "position", "units": "length", "frame": "space"}),
@@ -32,8 +30,6 @@ class Positions(Flat):
 
 
 class OnArrays(Kind):
-    """A kind whose torque is evaluated on the arrays of the steps."""
-
     def evaluate(self, function: Any, t: Array, momentum: Array, pose: Array) -> tuple[Any, Any]:
         value = function(t, self.join(momentum, pose))
         return value, jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
@@ -65,10 +61,7 @@ class ParticleState(State):
     own_axes: ClassVar[int] = 0  # the arrays can have any shape, so no axes are known to be a batch
 
     def __init__(self, momentum: Any, position: Any):
-        self.momentum = as_floats("momentum", momentum)
-        self.position = as_floats("position", position)
-        require_finite("momentum", self.momentum)
-        require_finite("position", self.position)
+        self.momentum, self.position = as_finite("momentum", momentum), as_finite("position", position)
         if self.momentum.shape != self.position.shape:
             raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
 

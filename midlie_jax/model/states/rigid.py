@@ -1,26 +1,53 @@
-"""`RigidState`: momentum and attitude."""
+"""States of a rigid body: its momentum alone, with the attitude, or also with the rounding errors of their sums."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_finite, as_floats, is_unit, require
 from ..._math import components as cp
 from .. import so3
 from ..bodies import RigidBody
-from ..kind import Leaves
-from ..leaf import BodyLeaf, Described
+from ..kind import Kind, Leaves
+from ..leaf import BodyLeaf, Described, NoPose, length_correction
 from ..state import State
-from .length import length_correction
-from .momentum import BODY_MOMENTUM
+
+BODY_MOMENTUM = {
+    "long_name": "angular momentum in the body frame, about the fixed point or the centre of mass",
+    "units": "mass length2 time-1",
+    "frame": "body",
+}
+
+
+class BodyMomentum(NoPose, BodyLeaf):
+    about: ClassVar[tuple[Described, ...]] = ((("axis",), BODY_MOMENTUM),)
+
+
+class MomentumState(State):
+    """The state of a rigid body without its attitude: three numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+
+    Examples:
+        >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.MomentumState([0.01, 2.0, 0.01])
+        >>> path = ml.free_motion(body, start, [0.0, 5.0, 10.0])
+        >>> jnp.linalg.norm(path.states.momentum, axis=-1).round(4)
+        Array([2., 2., 2.], dtype=float64)
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    body: ClassVar[type] = RigidBody
+    leaves: ClassVar[Leaves] = (BodyMomentum,)
+
+    def __init__(self, momentum: Any):
+        self.momentum = as_finite("momentum", momentum, (3,))
 
 
 class Rotation(BodyLeaf):
-    """A momentum in the body frame, and the attitude as a unit quaternion."""
-
     about: ClassVar[tuple[Described, ...]] = (
         (("axis",), BODY_MOMENTUM),
         (
@@ -78,7 +105,6 @@ class Rotation(BodyLeaf):
 
     @staticmethod
     def plus(increment: Array, *arrays: Array) -> tuple[Array, ...]:
-        """The momentum changed by increment[..., :3], and the attitude rotated by increment[..., 3:]."""
         momentum, attitude, *_ = arrays
         turned = so3.multiply(attitude, so3.exp(increment[..., 3:]))
         return momentum + increment[..., :3], turned
@@ -119,9 +145,8 @@ class RigidState(State):
     leaves: ClassVar[Leaves] = (Rotation,)
 
     def __init__(self, momentum: Any, attitude: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
+        self.momentum = as_finite("momentum", momentum, (3,))
         self.attitude = as_floats("attitude", attitude, (4,))
-        require_finite("momentum", self.momentum)
         require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
 
@@ -147,11 +172,10 @@ _turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `Rotation.act`.
+    """The change of the attitude by `Rotation.act`, rounded only once.
 
-    The product is computed as a change of the attitude and rounded only once. If the product and then its length were
-    rounded, the attitude would rotate slightly, in the same direction at every step. The correction of the length
-    accounts for the lengths of both factors.
+    If the product and then its length were rounded, the attitude would rotate slightly, in the same direction at every
+    step. The correction of the length accounts for the lengths of both factors.
     """
     correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
     w, x, y, z = increment
@@ -160,7 +184,6 @@ def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Arra
 
 
 def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """The change of the attitude by `Rotation.shift`: the given change, and a correction of the length."""
     w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
     k = length_correction(_square((w, x, y, z)), no_step)
     a, b, c, d = change
@@ -169,3 +192,114 @@ def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array)
 
 def _square(q: cp.Quaternion) -> Array:
     return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+
+
+class CompensatedPose(NamedTuple):
+    attitude: cp.Quaternion
+    low_attitude: cp.Quaternion
+    low_momentum: cp.Vector
+
+
+_LOST = "rounding error of the {}, to be added to it"
+
+
+class Compensated(Rotation):
+    arrays: ClassVar[int] = 4
+    compensated: ClassVar[bool] = True
+    about: ClassVar[tuple[Described, ...]] = (
+        *Rotation.about,
+        (("axis",), BODY_MOMENTUM | {"long_name": _LOST.format("momentum")}),
+        (("quaternion",), {"long_name": _LOST.format("attitude"), "units": "1", "frame": "body to space"}),
+    )
+
+    @classmethod
+    def pose(cls, *arrays: Array) -> Any:
+        attitude, low_momentum, low_attitude = arrays
+        return CompensatedPose(cp.quaternion(attitude), cp.quaternion(low_attitude), cp.vector(low_momentum))
+
+    @staticmethod
+    def packed(momentum: cp.Vector, pose: Any) -> tuple[Array, ...]:
+        attitude, low_attitude, low_momentum = map(cp.pack, pose)
+        return cp.pack(momentum), attitude, low_momentum, low_attitude
+
+    @staticmethod
+    def push(momentum: cp.Vector, pose: Any, change: cp.Vector) -> tuple[cp.Vector, Any]:
+        momentum, low = cp.compensated(momentum, pose.low_momentum, change)
+        return momentum, pose._replace(low_momentum=low)
+
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: Any, noise: cp.Vector) -> cp.Vector:
+        return super().bathed(exposure, root, momentum, pose.attitude, noise)
+
+    @staticmethod
+    def act(pose: Any, increment: cp.Quaternion, no_step: Array | None = None) -> Any:
+        if no_step is not None:
+            return _changed(pose, turn_change(pose.attitude, increment, no_step))
+        low_momentum = cp.rotate_back(increment, pose.low_momentum)
+        attitude, low_attitude = (cp.multiply(q, increment) for q in pose[:2])
+        return CompensatedPose(attitude, low_attitude, low_momentum)
+
+    @staticmethod
+    def shift(pose: Any, change: Any, no_step: Array) -> Any:
+        return _changed(pose, shift_change(pose.attitude, change.attitude, no_step))
+
+    @staticmethod
+    def rate(pose: Any, velocity: cp.Vector) -> Any:
+        zero = jnp.zeros_like(velocity[0])
+        return CompensatedPose(Rotation.rate(pose.attitude, velocity), (zero, zero, zero, zero), (zero, zero, zero))
+
+
+class SeenAsRigid(Kind):
+    def evaluate(self, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> tuple[Any, Any]:
+        return Kind(RigidState, RigidState.leaves).evaluate(function, t, momentum, pose.attitude)
+
+
+class CompensatedState(RigidState):
+    """A `RigidState` with compensated summation: float32 with less rounding, for small steps.
+
+    Torques read only momentum and attitude. A run resumed from a saved state equals the uninterrupted run, because the
+    low parts are saved; `plus` sets them to zero.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+        low_momentum: to be added to the momentum, at most half a unit in its last place, (..., 3); zero by default.
+        low_attitude: to be added to the attitude, likewise, (..., 4).
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not
+            1 to 1e-3.
+
+    Examples:
+        >>> momentum, attitude = jnp.array([0.0, 0.0, 50.0], "float32"), jnp.array([1.0, 0.0, 0.0, 0.0], "float32")
+        >>> start = ml.CompensatedState(momentum, attitude)
+        >>> start.low_momentum, start.low_attitude  # no rounding errors yet
+        (Array([0., 0., 0.], dtype=float32), Array([0., 0., 0., 0.], dtype=float32))
+    """
+
+    low_momentum: Float[Array, "*batch 3"]
+    low_attitude: Float[Array, "*batch 4"]
+    leaves: ClassVar[Leaves] = (Compensated,)
+
+    def __init__(self, momentum: Any, attitude: Any, low_momentum: Any = None, low_attitude: Any = None):
+        momentum, attitude = as_floats("momentum", momentum, (3,)), as_floats("attitude", attitude, (4,))
+        self.low_momentum = _low_part("low_momentum", low_momentum, momentum)
+        self.low_attitude = _low_part("low_attitude", low_attitude, attitude)
+        super().__init__(momentum, attitude)
+
+    @property
+    def _pose(self) -> cp.Quaternion:
+        return cp.quaternion(self.attitude)
+
+    @property
+    def kind(self) -> Kind:
+        return SeenAsRigid(type(self), self.leaves)
+
+
+def _changed(pose: CompensatedPose, change: cp.Quaternion) -> CompensatedPose:
+    attitude, low = cp.compensated(pose.attitude, pose.low_attitude, change)
+    return pose._replace(attitude=attitude, low_attitude=low)
+
+
+def _low_part(name: str, value: Any, of: Array) -> Array:
+    return jnp.zeros_like(of) if value is None else as_finite(name, value, of.shape[-1:])

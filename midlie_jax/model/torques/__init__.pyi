@@ -12,13 +12,13 @@ from .by_step import Held as Held
 from .by_step import Pulses as Pulses
 from .fields import DipoleInField as DipoleInField
 from .fields import HeavyTop as HeavyTop
-from .friction import Damping as Damping
-from .friction import Drag as Drag
 from .from_functions import FromPotential as FromPotential
+from .from_functions import OnEach as OnEach
 from .from_functions import Prescribed as Prescribed
 from .from_functions import VelocityDependent as VelocityDependent
-from .on_each import OnEach as OnEach
 from .reads_body import BodyTorque as BodyTorque
+from .reads_body import Damping as Damping
+from .travel import Drag as Drag
 from .travel import Magnus as Magnus
 from .travel import Oblateness as Oblateness
 from .travel import PointMass as PointMass

@@ -1,9 +1,4 @@
-"""The interface of a torque, and sums of torques.
-
-The classes are pytrees of their parameters, so they can be mapped over and differentiated. Most have a potential, which
-`midlie_jax.observe.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles are
-callables of the same kind that return an array with the shape of the momentum.
-"""
+"""The interface of a torque, and sums of torques, as pytrees of their parameters."""
 
 import operator
 from collections.abc import Callable
@@ -41,25 +36,15 @@ class Torque(eqx.Module, metaclass=BriefHelp):
     """
 
     def __call__(self, t: Time, state: Any) -> Any:
-        """The torque on one body.
-
-        Args:
-            t: time, ().
-            state: the state of one body, with the parts that the torque needs.
-
-        Returns:
-            The torque (3,) in the body frame, in the dtype of the state; or a `Wrench` for a body that translates.
-        """
+        """The torque (3,) on one body at a time (), in its dtype; or a `Wrench` for a body that translates."""
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
     def potential(self, t: Time, state: Any) -> Array:
         """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
-        del t, state
         raise no_potential(self)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """A space-fixed direction about which the torque has no component, in body components; None if unknown."""
-        del state
         return None
 
     @property
@@ -79,7 +64,6 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
     def tide(self, t: Time, state: Any, place: cp.Vector) -> cp.Vector | None:
         """The gravity at a position in the body minus the gravity at the centre of mass, body frame; None if zero."""
-        del t, state, place
         return None
 
     def without_gravity(self) -> TorqueLike | None:
@@ -91,7 +75,6 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
     def on(self, body: Any) -> "Torque":
         """The torque bound to a body: an `OnBody` if the torque reads the body, otherwise the torque itself."""
-        del body
         return self
 
     def __add__(self, other: TorqueLike | None) -> "Sum":
@@ -107,9 +90,7 @@ class Torque(eqx.Module, metaclass=BriefHelp):
 
 
 def no_potential(torque: Torque) -> ValueError:
-    return ValueError(
-        f"{type(torque).__name__} has no potential energy; use midlie_jax.observe.kinetic_energy instead."
-    )
+    return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.observe.kinetic_energy.")
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
@@ -153,10 +134,7 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     """
     if isinstance(torque, Torque):
         return torque.potential
-    raise ValueError(
-        "a plain callable has no potential energy; pass the potential to "
-        "midlie_jax.torques.FromPotential, or use midlie_jax.observe.kinetic_energy."
-    )
+    raise ValueError("a plain callable has no potential energy; write midlie_jax.torques.FromPotential(potential).")
 
 
 class Sum(Torque):
@@ -265,9 +243,7 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
 
 
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
-    """The torque without its gravity terms; None if no other term is left.
-
-    Also within `OnEach`.
+    """The torque without its gravity terms, also within `OnEach`; None if no other term is left.
 
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)

@@ -1,8 +1,7 @@
 """Torques that jump in time, with a constant value in each step: `Held` and `Pulses`.
 
-A method evaluates a torque of time at its own instants, and evaluates the time between two steps for both of them. A
-torque that jumps is then integrated wrongly. These classes instead give each step one value, the mean of the torque
-over that step: `System.in_step` replaces them by this value, at any depth of the tree of a torque.
+A method evaluates a torque at its own instants, and integrates one that jumps wrongly. These classes instead give each
+step one value, the mean over that step: `System.in_step` replaces them by it, at any depth of the tree of a torque.
 """
 
 from abc import abstractmethod
@@ -27,10 +26,7 @@ _SLACK = 16.0  # rounding of a time, in units of eps
 
 
 class ByStep(Torque):
-    """Base class of functions of time, and torques, that have a constant value in each step of a run.
-
-    Called with a time, or with a time and a state, they return the value at that instant.
-    """
+    """Base class of functions of time, and torques, that have a constant value in each step of a run."""
 
     def __call__(self, t: Time, state: Any = None) -> Any:
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
@@ -41,26 +37,21 @@ class ByStep(Torque):
 
 
 class _Constant(Torque):
-    """A constant value: the value of a `ByStep` in one step."""
-
     value: Any
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del t, state
         return self.value
 
 
 class Held(ByStep):
     """Controls: a torque that is constant in intervals of one length, one value for each (a zero-order hold).
 
-    For every method, a step within an interval uses the value of that interval only; a step across the end of an
-    interval uses the mean over the step. Let dt of the run be the length of the intervals or an integer fraction of it.
-    The torque is zero before the first interval and after the last one. Derivatives with respect to the values are
-    exact.
+    For every method, a step within an interval uses the value of that interval only; a step across its end uses the
+    mean over the step. Let dt of the run be the length of the intervals or an integer fraction of it. The torque is
+    zero before the first interval and after the last one.
 
-    It is also a function of time alone, for torques that accept one: `Thrust(force=Held(...), lever=...)` is an engine
-    on a body that translates. In a custom function the step is unknown, and the value is the one at an instant; keep a
-    `Held` in a field of a class, or make it a term of the torque.
+    It is also a function of time alone, for torques that accept one, as in `Thrust(force=Held(...), lever=...)`. In a
+    custom function the value is the one at an instant; keep a `Held` in a field of a class, or as a term of the torque.
 
     Attributes:
         values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. For
@@ -89,7 +80,6 @@ class Held(ByStep):
         self.dt, self.t0 = as_positive("dt", dt), as_finite("t0", t0)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del state
         place = (t - self.t0) / self.dt
         return self._value(jnp.floor(place + _slack(place)))
 
@@ -121,12 +111,9 @@ class Held(ByStep):
 class Pulses(ByStep):
     """Pulses of constant torque: thrusters that fire, impacts.
 
-    Each step gets its exact share of the impulse, the mean torque over the step. For every method and step the impulses
-    add up to torque times width, to rounding, even if a pulse is much shorter than a step or several overlap. The
-    torque is spread evenly over the step: its effect is accurate to first order in the step, or to the order of the
-    method if the steps end at the edges. A pulse adds some operations to each step.
-
-    It is also a function of time alone, like `Held`: `Thrust(force=Pulses(...), lever=...)`.
+    Each step gets its exact share of the impulse, the mean torque over the step, even if a pulse is much shorter than a
+    step or several overlap. The effect is accurate to first order in the step, or to the order of the method if the
+    steps end at the edges. It is also a function of time alone, like `Held`.
 
     Attributes:
         starts: the start times of the pulses, (P,).
@@ -156,7 +143,6 @@ class Pulses(ByStep):
         self.torque = _rows("torque", torque, 1)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
-        del state
         since = t - self._starts()
         return self._weighted(((since >= 0) & (since < self.width)).astype(since.dtype))
 
@@ -181,8 +167,7 @@ class Pulses(ByStep):
                 return jnp.sum(weights) * torque
             if len(torque) != len(weights):
                 raise ValueError(
-                    f"torque must be (3,) or one for each of the {len(weights)} pulses, got {torque.shape}; "
-                    "give one row for each start."
+                    f"torque must be one or one for each of the {len(weights)} pulses, got {torque.shape}."
                 )
             # Not a product of matrices, which XLA's CPU compiler calculates body by body.
             return jnp.sum(weights.reshape(-1, *[1] * (torque.ndim - 1)) * torque, axis=0)
@@ -200,7 +185,6 @@ def count_by_step(tree: Any) -> int:
 
 
 def values_in_step(tree: Any, t0: Array, t1: Array, h: Array) -> list[Any]:
-    """The value of each `ByStep` of a torque, at any depth, in the step from t0 to t1."""
     return [leaf.mean(t0, t1, h) for leaf in _nodes(tree) if _is_node(leaf)]
 
 
@@ -211,13 +195,10 @@ def with_values(tree: Any, values: Iterable[Any]) -> Any:
 
 
 def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
-    """`with_values` of `values_in_step`."""
     return with_values(tree, split(values_in_step(tree, t0, t1, h)))
 
 
 class OfValues(eqx.Module):
-    """A torque as a function of (values in a step, t, state)."""
-
     torque: Any
 
     def __call__(self, values: list[Any], t: Time, state: Any) -> Any:

@@ -43,12 +43,10 @@ class HeavyTop(Torque):
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        del t
         lever, up = state.in_one_frame(self.axis)
         return cp.pack(_cross(up, lever, self.mgl))
 
     def potential(self, t: Time, state: AnyState) -> Array:
-        del t
         lever, up = state.in_one_frame(self.axis)
         return self.mgl * (lever[0] * up[0] + lever[1] * up[1] + lever[2] * up[2])
 
@@ -125,7 +123,6 @@ class DipoleInField(Torque):
 
 
 def to_body_components(name: str, vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
-    """The body components of a space vector, given as an array (3,) or as a function of time."""
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector_at(name, vector, t)))
     return state.seen_from_body(cp.vector(vector))

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jaxtyping import Float
 
-from ..._checks.arguments import require_function
+from ..._checks.arguments import as_not_negative, require_function
 from ..._math import components as cp
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
@@ -17,12 +19,9 @@ class ReadsBody(Torque):
     """Base class of torques that read the body; a run passes the body to `on`."""
 
     def at(self, t: Time, state: Any, body: Any) -> Any:
-        """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
     def potential_at(self, t: Time, state: Any, body: Any) -> Array:
-        """The potential energy () of the given body; a ValueError if the torque has no potential."""
-        del t, state, body
         raise no_potential(self)
 
     def on(self, body: Any) -> Torque:
@@ -36,11 +35,7 @@ class ReadsBody(Torque):
 
 
 class ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, which it computes from the momentum and the body.
-
-    Raises:
-        ValueError: when a run begins, the state holds spins, which have no angular velocity.
-    """
+    """A torque that depends on the angular velocity, computed from the momentum and the body."""
 
     def check(self, state: Any) -> None:
         if hasattr(state, "spin"):
@@ -60,9 +55,7 @@ def knows_axis_alone(state: AnyState) -> bool:
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
-    """The angular velocity in the frame of the momentum. For a `SymmetricRotor` it includes the spin, so `along` is
-    required.
-    """
+    """The angular velocity in the frame of the momentum; with the spin of a `SymmetricRotor`, from `along`."""
     turning = body.turning
     velocity = cp.vector(turning.velocity(state.momentum))
     if not isinstance(turning, SymmetricRotor):
@@ -74,13 +67,62 @@ def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
     return cp.add(velocity, cp.scale(spin - cp.dot(axis, velocity), axis))
 
 
-class OnBody(Torque):
-    """A torque that reads the body, bound to a body: a callable of (t, state).
+def as_gain(name: str, value: Any) -> Array:
+    gain = as_not_negative(name, value, cure="pass its magnitude.")
+    if gain.ndim and gain.shape[-1] != 3:
+        raise ValueError(
+            f"{name} must be a number or have shape (3,), got {gain.shape}. For one number per body write "
+            f"jnp.tile({name}[:, None], (1, 3))."
+        )
+    return gain
+
+
+class Damping(ReadsVelocity):
+    """Viscous friction, -coefficient * Omega.
 
     Attributes:
-        torque: a `ReadsBody`.
-        body: the body on which the torque acts.
+        coefficient: torque per angular velocity, () or one for each body axis (3,), not negative. For an `AxisState`
+            the first two must be equal, and the body is a `SymmetricRotor(moment, along)`.
+
+    Raises:
+        ValueError: a negative or not finite coefficient, or another shape. When a run begins: an `AxisState` with a
+            coefficient that varies across the axis, or a `SymmetricRotor` without `along`.
+
+    Examples:
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> ml.torques.Damping([0.5, 0.5, 0.25]).on(body)(0.0, state)
+        Array([-0.5 , -0.5 , -0.25], dtype=float64)
     """
+
+    coefficient: Float[Array, "*batch"]
+
+    def __init__(self, coefficient: Any):
+        self.coefficient = as_gain("coefficient", coefficient)
+
+    def check(self, state: AnyState) -> None:
+        super().check(state)
+        if not knows_axis_alone(state) or cp.is_traced(self.coefficient):
+            return
+        gain = np.asarray(self.coefficient)
+        if gain.ndim and np.any(gain[..., 0] != gain[..., 1]):
+            raise ValueError(
+                f"coefficient is {gain.tolist()}, but the first two must be equal for "
+                f"{type(state).__name__}, which holds only the axis of symmetry; use a RigidState."
+            )
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        if not isinstance(body.turning, SymmetricRotor):
+            return -self.coefficient * body.velocity(state.momentum)
+        velocity, gain = angular_velocity_of(state, body), jnp.broadcast_to(self.coefficient, state.momentum.shape)
+        axis, _ = state.in_one_frame((0.0, 0.0, 1.0), velocity)
+        across = jnp.where(gain[..., 0] == gain[..., 1], gain[..., 0], jnp.nan)
+        along = (gain[..., 2] - across) * cp.dot(axis, velocity)
+        return -cp.pack(cp.add(cp.scale(across, velocity), cp.scale(along, axis)))
+
+
+class OnBody(Torque):
+    """A torque that reads the body, bound to a body: a callable of (t, state)."""
 
     torque: ReadsBody
     body: Any

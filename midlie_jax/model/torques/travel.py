@@ -1,8 +1,7 @@
 """Gravity, air and thrust on bodies that translate, as wrenches on the states of a `FreeBody`.
 
-Each conservative wrench has force and torque from one potential V(x, R). Energy is therefore conserved and, in the
-field of a point mass, also the total momentum x cross p + R Pi. I is the inertia tensor about the centre of mass and J
-= R I R^T, u = x/r. The expansion of V in the size of the body over r keeps the terms up to the second moments.
+I is the inertia tensor about the centre of mass and J = R I R^T, u = x/r. The expansion of a potential V(x, R) in the
+size of the body over r keeps the terms up to the second moments.
 """
 
 from abc import abstractmethod
@@ -18,6 +17,7 @@ from ..._checks.arguments import (
     as_finite,
     as_floats,
     as_function_of_time,
+    as_not_negative,
     as_positive,
     as_weak,
     is_unit,
@@ -39,27 +39,21 @@ G_TIMES_MASS = "pass G times the attracting mass."
 
 
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
-    """State and body, if both translate; a ValueError otherwise. The body is None if it is not read."""
     if state.several:
         raise acts_on_one(torque)
     if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
-            f"{type(torque).__name__} acts on a body that translates, but the state is a "
-            f"{type(state).__name__}; use a FreeState and a FreeBody."
+            f"{type(torque).__name__} acts on a body that translates, as a FreeState, got a {type(state).__name__}."
         )
     return state, body
 
 
 def acts_on_one(torque: Any) -> ValueError:
     kind = type(torque).__name__
-    return ValueError(
-        f"{kind} acts on one body; for several coupled bodies use midlie_jax.torques.OnEach({kind}(...))."
-    )
+    return ValueError(f"{kind} acts on one body; for coupled bodies use midlie_jax.torques.OnEach({kind}(...)).")
 
 
 class _Gravity(ReadsBody):
-    """A gravity field, which acts on every part of a body."""
-
     @property
     def gravitational(self) -> bool:
         return True
@@ -88,23 +82,17 @@ class UniformGravity(_Gravity):
         self.acceleration = as_finite("acceleration", acceleration, (3,))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         state, body = travelling(self, state, body)
         return Wrench(jnp.zeros_like(state.momentum), body.mass * self.acceleration)
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         moving, body = travelling(self, state, body)
         return -body.mass * cp.dot(cp.vector(self.acceleration), cp.vector(moving.position))
 
 
 class _Place:
-    """The position of a body in a field about the origin.
-
-    Attributes:
-        inverse: 1/r.
-        space: the unit vector u in the space frame.
-        here: u in the frame of the momentum.
+    """The position of a body in a field about the origin: 1/r, and the unit vector u in space and `here`, in the frame
+    of the momentum.
     """
 
     def __init__(self, state: Any, body: FreeBody):
@@ -161,7 +149,6 @@ class PointMass(_Gravity):
         self.mu = as_positive("mu", mu, cure=G_TIMES_MASS)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
         if not self.gradient:
@@ -175,7 +162,6 @@ class PointMass(_Gravity):
         return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-strength, force))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
         if not self.gradient:
@@ -192,8 +178,7 @@ class Oblateness(_Gravity):
         V = m (k/r) (3 s^2 - 1)
             - k/(2 r^3) (6 n.Jn - 60 s n.Ju + (105 s^2 - 15) u.Ju - (15 s^2 - 3) tr I)
 
-    where the second line is minus half of J times the second derivatives of the field. Energy and the component of the
-    total angular momentum along the pole are conserved.
+    Energy and the component of the total angular momentum along the pole are conserved.
 
     Attributes:
         mu: gravitational parameter of the planet, (), length^3/time^2.
@@ -227,7 +212,6 @@ class Oblateness(_Gravity):
         require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k = self._strength(square)
@@ -251,7 +235,6 @@ class Oblateness(_Gravity):
         return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-k * square, force))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        del t
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k, s = self._strength(square), cp.dot(cp.vector(self.pole), place.space)
@@ -306,12 +289,7 @@ class Magnus(ReadsBody):
 
 
 class InAir(ReadsBody):
-    """Base class of forces of air or gas on a body with a given velocity, or with the velocity of its state.
-
-    Attributes:
-        velocity: of the body relative to the gas, space frame, (3,), or a function of time; None for the state's.
-        wind: with `velocity` None, the velocity of the gas, likewise; None for a gas at rest.
-    """
+    """Base class of forces of air or gas on a body with a given velocity, or with the velocity of its state."""
 
     velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
     wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
@@ -337,6 +315,56 @@ class InAir(ReadsBody):
     @abstractmethod
     def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
         """The torque, from the velocity in the body frame."""
+
+
+class Drag(InAir):
+    """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
+
+    This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. With `velocity`, a known path, it is
+    a torque alone. Without, it uses the velocity of a body that translates, and the drag is a wrench.
+
+    Attributes:
+        lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
+        area: drag coefficient times cross section A, (), length^2, not negative.
+        density: density rho of the air, (), mass/length^3, not negative.
+        velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
+            length/time; None for the velocity of a `FreeState`.
+        wind: with `velocity` None, the velocity of the air, in the same forms; None for air at rest.
+
+    Raises:
+        ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
+            When called: as for `DipoleInField`; without `velocity`, body and state do not translate.
+
+    Examples:
+        >>> drag = ml.torques.Drag(lever=[0.0, 0.0, 0.5], area=2.0, density=1e-11, velocity=[7600.0, 0.0, 0.0])
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(1e6 * float(drag(0.0, state)[1]), 3)  # micro-N m: -lever * rho A v^2 / 2
+        -288.8
+    """
+
+    lever: Float[Array, "*batch 3"]
+    area: Float[Array, "*batch"]
+    density: Float[Array, "*batch"]
+
+    def __init__(self, lever: Any, area: Any, density: Any, velocity: Any = None, *, wind: Any = None):
+        self.lever = as_finite("lever", lever, (3,))
+        self.area, self.density = as_not_negative("area", area), as_not_negative("density", density)
+        self._set_flow(velocity, wind)
+
+    def check(self, state: AnyState) -> None:
+        if isinstance(state, TravellingState):
+            state.in_one_frame(cp.vector(self.lever))
+
+    def torque_in(self, t: Time, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(cp.vector(self.lever), self._force(velocity))
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Any:
+        state, body = travelling(self, state, body)
+        force = self._force(through_air(t, state, body, self.wind))
+        return Wrench(cp.pack(cp.cross(*state.in_one_frame(cp.vector(self.lever), force))), cp.pack(force))
+
+    def _force(self, velocity: cp.Vector) -> cp.Vector:
+        return cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
 
 
 def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any], Array] | None) -> cp.Vector:

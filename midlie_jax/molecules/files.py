@@ -1,8 +1,10 @@
 """`read`: rigid molecules from a file of atoms, such as GRO, PDB or LAMMPS data, by ase."""
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -11,7 +13,7 @@ from ..model import so3
 from ..model.free_body import FreeBody
 from ..model.rotor import SymmetricRotor
 from ..model.states import CoupledFreeAxisState, CoupledState
-from .points import from_points
+from .points import from_points, sites
 
 _NM_PER_ANGSTROM = 0.1
 _ROUNDED = 0.002  # the largest distance in nm from a line that is rounding; GRO files have three digits after the point
@@ -32,9 +34,8 @@ class Molecules(NamedTuple):
     Examples:
         >>> from ase.build import molecule
         >>> molecule("H2O").write("water.xyz")
-        >>> body, points, start, box, symbols = ml.molecules.read("water.xyz", atoms=3)
-        >>> body.mass, type(start).__name__
-        (Array(18.015, dtype=float64), 'CoupledState')
+        >>> ml.molecules.read("water.xyz", atoms=3).body.mass
+        Array(18.015, dtype=float64)
     """
 
     body: FreeBody
@@ -79,15 +80,10 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     size = as_count("atoms", atoms)
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
-        raise ValueError(
-            f"{file} must have a multiple of {size} atoms, got {len(found)}. Give the number of atoms per molecule."
-        )
+        raise ValueError(f"{file} must have a multiple of {size} atoms, got {len(found)}. Correct atoms=.")
     if _elements_unknown(found, options):
         if masses is None:
-            raise ValueError(
-                f"{file} must have a section Masses, got type numbers that ase reads as elements "
-                f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
-            )
+            raise ValueError(f"{file} must have a section Masses, got type numbers. Pass masses, or Z_of_type.")
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
@@ -103,7 +99,6 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
 
 
 def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
-    """Whether ase found neither masses nor elements, as in LAMMPS data without a section Masses."""
     typed = "type" in atoms.arrays and np.array_equal(atoms.arrays["type"], atoms.numbers)
     return typed and not atoms.has("masses") and options.get("Z_of_type") is None
 
@@ -123,7 +118,6 @@ def _box(atoms: Any) -> np.ndarray:
 
 
 def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Vectors between nearest images."""
     edges = np.where(box > 0, box, 1)
     return way - np.where(box > 0, edges * np.round(way / edges), 0)
 
@@ -147,9 +141,7 @@ def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocitie
     frames = np.einsum("nij,nj,njk->nik", u, signs, v)
     missed = np.abs(np.einsum("nij,aj->nai", frames, points) - arms).max()
     if missed > _RIGID:
-        raise ValueError(
-            f"the molecules differ in shape by {missed:.3g} nm, but must be rigid; give a file of rigid molecules."
-        )
+        raise ValueError(f"the molecules must be rigid and equal, but differ in shape by {missed:.3g} nm.")
     spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
     if linear:
         axis = frames[:, :, 2]
@@ -157,3 +149,74 @@ def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocitie
         return CoupledFreeAxisState(spin, axis, masses.sum() * velocity, position)
     momentum = np.einsum("nij,ni->nj", frames, spin)
     return CoupledState(momentum, so3.from_matrix(jnp.asarray(frames)), masses.sum() * velocity, position)
+
+
+_ANGSTROM_PER_NM = 10.0
+
+
+def write_xyz(
+    file: str | PathLike[str],
+    path: Any,
+    *,
+    points: Any = None,
+    symbols: Sequence[str] | str = "X",
+    box: Any = None,
+    scale: float = _ANGSTROM_PER_NM,
+) -> None:
+    """Writes a frame for each saved state.
+
+    Without points a particle is a body, with its orientation as a quaternion (x, y, z, w), in the column that OVITO
+    uses for shapes. With points a particle is a site of a body, for molecular viewers, and the column `molecule` has
+    the number of its body.
+
+    Args:
+        file: the file; an existing one is replaced.
+        path: from a run of a `CoupledState` (one replica): states with arrays (n, N, 3).
+        points: the sites of each body in its frame, (a, 3), or None.
+        symbols: the chemical symbols of the sites, or one for all particles.
+        box: the edges of a periodic box, (3,) or (), in the unit of length of the states; or None.
+        scale: Angstroms, the unit of viewers, per unit of length of the states: 10 for nm.
+
+    Raises:
+        ValueError: the states are not coupled bodies that translate, or have more leading axes than the times; or the
+            number of symbols differs from the number of points.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> water = ml.molecules.read("water.xyz", atoms=3)
+        >>> path = ml.integrate("JACOBI[EA]", water.body, None, water.start, dt=0.01, steps=10)
+        >>> ml.molecules.write_xyz("run.xyz", path, points=water.points, symbols=water.symbols)
+    """
+    states, times = path.states, np.asarray(path.times)
+    if not getattr(states, "several", False) or not hasattr(states, "position") or states.position.ndim != 3:
+        raise ValueError("path must come from one run of a CoupledState, with positions (n, N, 3).")
+    if points is None and not hasattr(states, "attitude"):
+        raise ValueError(f"a {type(states).__name__} has no attitude; give points on its axis.")
+    per_body = 1 if points is None else len(points)
+    names = [symbols] * per_body if isinstance(symbols, str) else list(symbols)
+    if len(names) != per_body:
+        raise ValueError(f"symbols must be one for each of {per_body} points, got {len(names)}.")
+    columns = "species:S:1:pos:R:3" + (":orientation:R:4" if points is None else ":molecule:I:1")
+    lattice = ""
+    if box is not None:
+        edges = np.broadcast_to(np.asarray(box, float), 3) * scale
+        lattice = 'Lattice="{:.10g} 0 0 0 {:.10g} 0 0 0 {:.10g}" '.format(*edges)
+    with open(file, "w", encoding="utf-8") as out:
+        for frame, time in enumerate(times):
+            rows = _rows(states, frame, points, scale)
+            out.write(f"{len(rows)}\n{lattice}Properties={columns} Time={time:.10g}\n")
+            for number, row in enumerate(rows):
+                out.write(f"{names[number % per_body]} {row}\n")
+
+
+def _rows(states: Any, frame: int, points: Any, scale: float) -> list[str]:
+    here = jax.tree.map(lambda x: x[frame], states)
+    if points is None:
+        w, *vector = np.asarray(here.attitude).T
+        numbers = np.column_stack([np.asarray(here.position) * scale, *vector, w])
+        return [" ".join(f"{x:.9g}" for x in row) for row in numbers]
+    places = np.asarray(sites(here, points)) * scale
+    return [
+        " ".join(f"{x:.9g}" for x in place) + f" {body + 1}" for body, group in enumerate(places) for place in group
+    ]
