@@ -13,8 +13,7 @@ from cases import METHODS, by_turns, loop_bodies, real, suited
 
 import midlie_jax as ml
 from midlie_jax.advice.timing import timed_in_turn
-from midlie_jax.integrators.implicit import NewmarkBody
-from midlie_jax.integrators.implicit.base import Implicit
+from midlie_jax.integrators.implicit import Implicit, NewmarkBody
 from midlie_jax.integrators.runge_kutta import RungeKutta
 from midlie_jax.integrators.splitting import Splitting
 

@@ -55,13 +55,13 @@ class Method(eqx.Module):
         evaluations: torque evaluations per step.
     """
 
-    name: eqx.AbstractVar[str]
-    order: eqx.AbstractVar[int]
-    symmetric: eqx.AbstractVar[bool]
-    symplectic: eqx.AbstractVar[bool]
-    keeps_momentum: eqx.AbstractVar[bool]
-    bodies: eqx.AbstractVar[type]
-    evaluations: eqx.AbstractVar[int]
+    name: str = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+    bodies: type[Any] = eqx.field(static=True)
+    evaluations: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True, default=False)
+    symplectic: bool = eqx.field(static=True, default=False)
+    keeps_momentum: bool = eqx.field(static=True, default=False)
 
     @property
     def keeps_energy(self) -> bool:

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .formula import Formula
-from .scheme import Scheme
-from .stages import BATH, KICK
+from .formulas import Formula
+from .scheme import BATH, KICK, Scheme
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega

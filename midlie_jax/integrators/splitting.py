@@ -21,8 +21,7 @@ from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
 from .limits import decay_limit, oscillator_limit
-from .scheme import Scheme
-from .stages import BATH, FLIGHT, KICK, run
+from .scheme import BATH, FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
 from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
@@ -37,13 +36,6 @@ class Splitting(Method):
 
     flight: Flight
     scheme: Scheme = eqx.field(static=True)
-    name: str = eqx.field(static=True)
-    order: int = eqx.field(static=True)
-    symmetric: bool = eqx.field(static=True)
-    symplectic: bool = eqx.field(static=True)
-    keeps_momentum: bool = eqx.field(static=True)
-    bodies: type = eqx.field(static=True)
-    evaluations: int = eqx.field(static=True)
 
     def __init__(self, flight: Flight, scheme: Scheme, name: str):
         self.flight = flight

@@ -6,9 +6,9 @@ with a1 + a2, a3 + a4, ..., like an alternating table. Every table therefore has
 equals the order of the sequence for any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995, 151).
 """
 
+from ..integrators.scheme import BATH as BATH
+from ..integrators.scheme import KICK as KICK
 from ..integrators.scheme import Scheme
-from ..integrators.stages import BATH as BATH
-from ..integrators.stages import KICK as KICK
 
 _LARGEST_GENERAL_ORDER = 4
 _ROUNDING = 1e-14
