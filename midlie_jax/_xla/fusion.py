@@ -86,18 +86,13 @@ def split(tree: T) -> T:
 def cut(tree: T) -> T:
     """`split` that works on an accelerator as well; the rest is a separate kernel there.
 
-    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary, each of
-    which writes many intermediate results to memory.
+    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary.
     """
     return _bind(tree, _CUT)
 
 
 def fuse_derivative(tree: T) -> T:
-    """`split` in a derivative; it compiles to nothing in the step itself.
-
-    The step remains one loop; its derivative, which is several times larger, is split at this place, so that the
-    compiler can handle each loop.
-    """
+    """`split` in a derivative, which is several times larger than the step; in the step itself it compiles to nothing."""
     return _bind(tree, _DERIVATIVE)
 
 
@@ -140,7 +135,6 @@ def _is_number(leaf: Any) -> bool:
 
 
 def _fuse_where(leaves: Sequence[Any], condition: Callable[[Any], bool], use: str) -> list[Any]:
-    """Fuses the leaves for which the condition holds; the others are returned unchanged."""
     result = list(leaves)
     positions = [i for i, leaf in enumerate(leaves) if condition(leaf)]
     if positions:

@@ -49,7 +49,6 @@ def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
 
 
 def run_program(closed: ClosedJaxpr, constants: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
-    """The outputs of a traced function, with these arrays in place of the constants of its trace."""
     return eval_jaxpr(closed.jaxpr, constants, *arguments)
 
 
@@ -60,7 +59,6 @@ def used_inputs(closed: ClosedJaxpr) -> list[bool]:
 
 
 def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
-    """The results of the operation of an equation, applied to these operands."""
     primitive = equation.primitive
     results = primitive.bind(*operands, **primitive.get_bind_params(equation.params))
     return list(results) if primitive.multiple_results else [results]
@@ -78,12 +76,10 @@ def loop_counts(equation: Any) -> tuple[int, int] | None:
 
 
 def context_of(equation: Any) -> Any:
-    """A context manager for the settings under which an equation was traced."""
     return equation.ctx.manager
 
 
 def is_zero_tangent(tangent: Any) -> bool:
-    """Whether a tangent or cotangent is JAX's symbol for zero."""
     return isinstance(tangent, ad.Zero)
 
 
@@ -97,14 +93,7 @@ def make_primitive(
     batch: Callable[..., Any],
     outputs: Callable[..., Any] = lambda types, **parameters: types,
 ) -> Primitive:
-    """A primitive with many outputs, by default of the types of its inputs.
-
-    Args:
-        name: the name of the primitive.
-        default, on_cpu: functions of the inputs that compute the outputs, on other platforms and on CPUs.
-        jvp, transpose, batch: rules, in the form that JAX expects.
-        outputs: the types of the outputs, from the list of the types of the inputs and the parameters.
-    """
+    """A primitive with many outputs, by default of the types of its inputs; the rules are as JAX expects them."""
     primitive = Primitive(name)
     primitive.multiple_results = True
     primitive.def_impl(default)

@@ -29,7 +29,6 @@ def with_tangents_of(copies: Sequence[Array], arrays: Sequence[Array]) -> list[A
 
 
 def _batched(values: Sequence[Array], axes: Sequence[int | None]) -> list[Array]:
-    """The values with the axis of rows first, repeated if they have none."""
     pairs = list(zip(values, axes, strict=True))
     size = next(value.shape[axis] for value, axis in pairs if axis is not None)
     return [jnp.broadcast_to(v, (size, *v.shape)) if a is None else jnp.moveaxis(v, a, 0) for v, a in pairs]

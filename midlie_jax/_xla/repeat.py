@@ -20,13 +20,9 @@ Step = Callable[[Any, Any], Any]
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def repeat(step: Step, most: int, constants: Any, carry: Any, count: Array) -> Any:
-    """The result of `count` times carry = step(constants, carry).
+    """The result of `count` times carry = step(constants, carry), on pytrees of scalars.
 
-    Args:
-        step: a function that closes over no arrays. It is compiled to one loop over the bodies.
-        most: the largest count; a derivative takes this number of steps.
-        constants, carry: pytrees of scalars.
-        count: (), of integers.
+    The step closes over no arrays, and is compiled to one loop over the bodies. A derivative takes `most` steps.
     """
     last = _largest(count)
 

@@ -25,17 +25,11 @@ from .mesh import all_promoted, axes_of
 def sum_over_rows(
     term: Callable[[Any, Any], Any], columns: Sequence[Array], argument: Any, tables: Sequence[Array] = ()
 ) -> Any:
-    """The sum over rows of `term(row, argument)`.
+    """The sum over rows of `term(row, argument)`, pytrees of scalars. A reverse derivative recomputes the terms.
 
-    A reverse derivative recomputes the terms and stores none.
-
-    Args:
-        term: returns a pytree of scalars. For a row of zeros, which pads the table, it is zero, and so is its
-            derivative.
-        columns: the columns of the table, (n,) each. Up to 16 rows are written out, and become part of the surrounding
-            loop.
-        argument: a pytree of scalars.
-        tables: arrays (n, K), whose row is the last part of a row, as arrays (K,). They have no derivative.
+    For a row of zeros, which pads the table, term and derivative must be zero. The columns are (n,) each; up to 16 rows
+    are written out, and become part of the surrounding loop. The row of `tables` (n, K), which have no derivative, is
+    the last part of a row, as arrays (K,).
     """
     n = columns[0].shape[0]
     tables = tuple(map(jax.lax.stop_gradient, tables))
@@ -66,8 +60,6 @@ def sum_over_rows(
 
 
 class _Term:
-    """A term without closed-over numbers, as a function of a row and of the argument with these numbers."""
-
     def __init__(self, converted: Callable[..., Any]):
         self.converted = converted
 

@@ -64,11 +64,7 @@ class LieInterpolation(Dense):
 @eqx.filter_jit
 @eqx.filter_checkpoint
 def _state_at(dense: LieInterpolation, t: Any) -> Any:
-    """The state at the time t.
-
-    Reverse mode recomputes it. Otherwise it would store intermediate results for every step, and diffrax would copy
-    each of these arrays entry by entry.
-    """
+    """The state at the time t, which reverse mode recomputes: diffrax would copy each stored array entry by entry."""
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
     if not isinstance(dense.y0, TravellingState):
         return _turning_at(dense, s)

@@ -25,9 +25,7 @@ from .dense import Dense, part_of_step
 class Start(eqx.Module):
     """The start of a step as arrays only, because diffrax stacks it over many steps and cannot stack functions.
 
-    Attributes:
-        arrays: the arrays of body, torque and state, the torque at the start, and one array of both times and the step.
-        rest: their structure, and the leaves that are not arrays.
+    The last of the arrays holds the times of both ends and the signed step; `rest` the structure, and other leaves.
     """
 
     arrays: list[Any]
@@ -37,10 +35,6 @@ class Start(eqx.Module):
     def of(
         cls, method: Method, body: Body, torque: TorqueLike | None, y0: Any, force: Array | None, times: list[Array]
     ) -> "Start":
-        """Args:
-        force: the torque at the start as one array if a step begins by using it, else None.
-        times: the times of the ends and the signed step, in the term's time.
-        """
         leaves, structure = jax.tree.flatten((method, body, torque, y0, force, jnp.stack(times)))
         marks = [isinstance(leaf, (Array, np.ndarray, np.generic)) for leaf in leaves]
         arrays = [leaf for leaf, mark in zip(leaves, marks, strict=True) if mark]
@@ -54,12 +48,7 @@ class Start(eqx.Module):
 
 
 class ShorterStep(Dense):
-    """States inside a step, each computed by a shorter step of the method; NaN if its solve failed.
-
-    Args:
-        t0, t1: times of the ends.
-        start: the start of the step.
-    """
+    """States inside a step, each computed by a shorter step of the method; NaN if its solve failed."""
 
     t0: Any
     t1: Any

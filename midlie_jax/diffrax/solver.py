@@ -29,9 +29,7 @@ from .term import RigidBodyTerm, as_time, check, unchecked
 class Memory(NamedTuple):
     """Data of a step for the next step: two arrays, because diffrax compiles a dozen operations for each array.
 
-    Attributes:
-        force: the torque at the end of the step; for particles the force.
-        history: the entries of a `History`, data for the error estimate of the next step.
+    They hold the torque at the end of the step (for particles the force), and the entries of a `History`.
     """
 
     force: Array
@@ -154,10 +152,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return terms.vf(t0, y0, args).ambient
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array], Method]:
-        """The system, the clock, and the method fitted to the body.
-
-        The clock maps the time of diffrax, which always increases, to the time of the term.
-        """
+        """The system, the map from the time of diffrax, which always increases, to the term's, and the fitted method."""
         term = _single_term(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y, self.method)
@@ -187,15 +182,11 @@ def _step(
     memory: Memory,
     made_jump: Any,
 ) -> Any:
-    """The step of `LieSolver.step`, in the time of the term.
+    """The step of `LieSolver.step`, in the time of the term, as one jitted function.
 
-    It is one jitted function. diffrax differentiates the body of its loop over the steps several times, and JAX then
-    finds the derivative of the step already traced. Reverse mode recomputes the step. The forward and reverse passes of
-    diffrax are separate parts of its program, and code for each array passed between them is compiled entry by entry.
-
-    Returns:
-        The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
-        memory, and whether the step succeeded.
+    diffrax differentiates the body of its loop over the steps several times, and JAX then finds the derivative of the
+    step already traced. Reverse mode recomputes the step. The forward and reverse passes of diffrax are separate parts
+    of its program, and code for each array passed between them is compiled entry by entry.
     """
     system, motion = system.in_step(start_time, end_time, h), system.motion(y0)
     keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)

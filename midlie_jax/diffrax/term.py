@@ -132,7 +132,6 @@ def as_time(t: Any, y: Any) -> Array:
 
 
 def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
-    """Raises a ValueError unless state, body, torque and method fit each other and hold a single body."""
     if not isinstance(y, State):
         raise ValueError(
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for "

@@ -23,13 +23,9 @@ T = TypeVar("T")
 def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T:
     """The initial state; in a differentiated run, the state of another body unless it is `good`.
 
-    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none.
-
-    Args:
-        start, good: the initial state, and whether it is finite, ().
-        torque, t: the torque bound to its body, or None, and the time at which it is traced. A run therefore counts as
-            differentiated even if the torque is a function that closes over a parameter.
-        others: all other inputs of the run; a derivative with respect to any of them counts.
+    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none. The torque, bound to
+    its body, is traced at the time t, so that a run also counts as differentiated if a function closes over a
+    parameter. `others` are all other inputs of the run.
     """
     read = [] if torque is None else jax.closure_convert(lambda t, state: torque(t, state), t, start)[1]
     read = [x for x in jax.tree.leaves((read, others)) if eqx.is_inexact_array(x)]

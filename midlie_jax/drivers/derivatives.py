@@ -32,18 +32,13 @@ Step = Callable[..., Progress]
 
 
 class Steps(NamedTuple):
-    """Consecutive steps of one run.
+    """Consecutive steps of one run, `number` of `total`.
 
     Attributes:
-        take: returns the progress after a step from the progress before it and the inputs of the step.
-        take_back: returns the progress before a step of a symmetric method from the progress after it and the inputs.
-            It also returns intermediate results for `take_again`.
-        take_again: like `take`, but used only for the derivative; its third argument is the intermediate result of
-            `take_back`.
-        inputs: the index and the prepared values of each step, a pytree with a leading axis of steps.
-        number: number of steps.
-        total: number of steps of the whole run.
-        unroll: steps per iteration of the loop.
+        take: the progress after a step, from the progress before it and the inputs of the step.
+        take_back: the progress before a step of a symmetric method, and intermediate results for `take_again`.
+        take_again: `take` for the derivative alone; its third argument is the result of `take_back`.
+        inputs: the index and the prepared values of each step, with a leading axis of steps.
         fused: whether a step is a single loop over the bodies of a batch, without inner loops, a torque with loops, or
             a bath.
     """
@@ -220,13 +215,7 @@ def _check_division(every: int, save_every: int) -> None:
 
 
 def _every(number: int, total: int, size: int) -> int:
-    """The steps between two states that `Checkpointed` keeps by default.
-
-    Args:
-        number: steps between two saved states; the result divides it.
-        total: steps of the run.
-        size: numbers per state.
-    """
+    """The default steps between two kept states, a divisor of `number`; a state has `size` numbers."""
     if total * size <= budgets.KEPT_ALL:
         return 1
     longest = max(budgets.SHORTEST_BETWEEN, budgets.KEPT_BETWEEN // size)
@@ -288,8 +277,6 @@ def _in_blocks(tree: Any, block: int) -> Any:
 
 
 class _Functions(NamedTuple):
-    """`take`, `take_back` and `take_again` of `Steps`, with the arrays they read as extra arguments."""
-
     take: Step
     take_back: Callable[..., tuple[Progress, Any]]
     take_again: Step

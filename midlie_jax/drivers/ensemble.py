@@ -185,13 +185,11 @@ def _prepared_steps(steps: int) -> int:
 
 
 class Batch(NamedTuple):
-    """The checked bodies of an ensemble.
+    """The checked bodies of an ensemble, and the method fitted to them.
 
     Attributes:
-        method: the method fitted to the bodies.
-        bodies: number of bodies.
-        mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
-        shared: the same, with None for each leaf with this axis.
+        mapped, shared: body, torque, start, dt and t0, each with None for the leaves of the other; mapped leaves have
+            rows.
     """
 
     method: Method
@@ -210,12 +208,7 @@ def as_batch(
     torque_axes: Any = AUTO,
     bath: str | None = None,
 ) -> Batch:
-    """The checked arguments of `ensemble`; raises a ValueError that names the argument that does not fit.
-
-    Args:
-        method, body, torque, start, dt, t0, torque_axes: as for `ensemble`.
-        bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
-    """
+    """The checked arguments of `ensemble`; `bath` is the reason why no heat bath is possible here, if none is."""
     once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     one = partial(_torque_and_state_of_one, body, torque, start, torque_axes)
@@ -244,7 +237,6 @@ def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any
 
 
 def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
-    """For each leaf of the arguments, whether it has one row per body."""
     body, torque, start, dt, t0 = arguments
     own_body, count = bool(start.kind.batch_of(body)), start.momentum.shape[0]
     rows = (
@@ -283,7 +275,6 @@ def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
 
 
 def check_spread(batch: Batch, observe: Observe | None, mesh: Any) -> None:
-    """Raises unless `mesh` is a mesh, and the bodies that a statistic combines have the same times."""
     if not isinstance(mesh, Mesh | None):
         raise ValueError(f"mesh must be a jax.sharding.Mesh, for example from jax.make_mesh, got {described(mesh)}.")
     *_, dt, t0 = batch.mapped

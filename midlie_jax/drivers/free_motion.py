@@ -94,7 +94,6 @@ def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
 
 
 def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
-    """`free_motion` of one body, without the checks."""
     good = cp.all_finite(start)
     start = finite_start(start, good, None, times, (body, times))
     system = System.of(body, None, start, jnp.zeros((), times.dtype))

@@ -37,11 +37,7 @@ def with_gain_judged(
     steps: int | Array,
     progress: Progress,
 ) -> Progress:
-    """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy.
-
-    Args:
-        steps: number of steps; an array if it is an argument of the program.
-    """
+    """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy."""
     judged = steps >= _LEAST_STEPS
     potential = None if judged is False else _potential(system, start, t)
     if potential is None:

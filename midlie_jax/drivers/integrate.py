@@ -185,18 +185,11 @@ def run_of_body(
 ) -> Path[Any]:
     """`integrate` without the checks.
 
-    Args:
-        intervals: the number of saved states after the initial one.
-        save_every: the steps between two of them; an array if it is an argument of the program. Then `adjoint` is
-            ignored.
-        shared: the step with prepared inputs, or None for the step of the method.
-        rows: the prepared inputs of the steps.
-        observe: what the path holds instead of the states.
-        leg: which of the steps are taken, by default all. Only the states saved within the leg, the failures there and
-            the final carry of the path are valid. `adjoint` is ignored.
-        guarded: whether an initial state that is not finite must not reach the steps, because they may be
-            differentiated.
-        carried: the initial progress, from a `Carry`; then only the class, shape and dtype of `start` are read.
+    An array `save_every` is an argument of the program. With it, or with a `leg` (the part of the steps that is taken,
+    see `legs.py`), `adjoint` is ignored. After a leg only its own saved states, failures and final carry are valid.
+    With prepared inputs, `shared` is the step and `rows` its inputs. `guarded`: an initial state that is not finite
+    must not reach the steps, which may be differentiated. `carried` is the progress from a `Carry`; of `start` then
+    only class, shape and dtype are read.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -269,11 +262,7 @@ def run_of_body(
 
 
 def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
-    """Like `run_of_body`; a statistic of time replaces the values.
-
-    Args:
-        at_end: whether the path has only the final state.
-    """
+    """Like `run_of_body`; a statistic of time replaces the values."""
     path = run_of_body(*arguments, observe=observe, **options)
     if not isinstance(observe, Series):
         return end_alone(path) if at_end else path

@@ -8,22 +8,11 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
-the same steps backwards. Compared with a step of `integrate`, a step needs one more derivative of the density along the
-motion.
-
-Measured by `python benchmarks/adaptive.py`: the gain is large where the time scale of the motion changes. On an orbit
-of eccentricity 0.6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and
-from 5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the
-top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). The energy of a
-swinging Lagrange top does not drift in 2.6e5 steps. Its largest error is 1.3e-3 both in the first and in the last
-eighth of the run. With the density evaluated at the beginning of each step, these errors are 3.7e-2 and 1.5e-1. Energy
-does not drift for motions that are integrable or nearly so. For an asymmetric top the mean energy error varies between
-3.1e-3 and -2.9e-3, and a constant step is better.
+the same steps backwards. `python benchmarks/adaptive.py` measures when it pays.
 
 The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
 and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
-bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues; no select over its
-state is needed.
+bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues.
 """
 
 from functools import partial
@@ -246,7 +235,6 @@ def _state_of(carried: Carry, t0: Any, rho: Any) -> Any:
 
 
 def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
-    """Raises unless the first step, dt / density, changes the time; traced numbers are not checked."""
     if cp.is_traced(density, dt, t0, rho, start) or abs(dt) >= LEAST_ULPS * cp.epsilon(dt) * abs(t0):
         return  # the ordinary case
     value = density(t0, start) if rho is None else rho
@@ -401,7 +389,6 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    """The density of a motion in components, evaluated like a torque."""
     value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
     if like.shape:
         raise ValueError(
@@ -411,8 +398,6 @@ def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) 
 
 
 def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
-    """The carry after `blocks` blocks of steps, or fewer if the next step of every body is zero before."""
-
     def moves(state: Any) -> Array:
         count, (_, clock) = state
         return (count < blocks) & (clock.h != 0)

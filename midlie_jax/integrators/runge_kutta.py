@@ -35,12 +35,8 @@ _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gr
 class RungeKutta(Method):
     """The Runge-Kutta method of a formula. At the end of each step, one Newton step rescales the pose to unit length.
 
-    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula. It also does so if the step
-    is too long for a projection to restore the energy to rounding.
-
-    Attributes:
-        formula: the change of momentum and pose in a step.
-        projects: whether the step ends with a projection that restores the energy (`projection.py`).
+    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula, or if it is too long for a
+    projection (`projects`, see `projection.py`) to restore the energy to rounding.
     """
 
     formula: Formula = eqx.field(static=True)
@@ -132,7 +128,6 @@ class RungeKutta(Method):
 
 @exact_jit
 def _rates(system: System, t: Array, h: Array, motion: AnyMotion) -> AnyMotion:
-    """h times the rates of change at the time t, traced once for all evaluations of a step."""
     return system.rates(motion, h, None if system.torque is None else system.force(t, motion))
 
 

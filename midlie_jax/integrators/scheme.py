@@ -276,11 +276,7 @@ _DURATION, _FEWEST_STEPS, _MOST_STEPS = 3, 12, 1536
 def pendulums(
     scheme: Scheme, count: int, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
 ) -> np.ndarray:
-    """Momenta and angles of two pendulums after `count` steps, in extended precision, (4,).
-
-    Args:
-        before, after: stages of a processor, applied once before and once after all steps.
-    """
+    """Momenta and angles of two pendulums after `count` steps, in extended precision, (4,)."""
     h = np.longdouble(_DURATION) / count
 
     def fly(a: float, motion: Any) -> Any:

@@ -27,12 +27,7 @@ from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
 
 class Splitting(Method):
-    """The method of a flight and a scheme.
-
-    Attributes:
-        flight: the torque-free motion.
-        scheme: the table of kicks and flights; if the flight is exact, adjacent flights are merged.
-    """
+    """The method of a flight and a scheme; if the flight is exact, adjacent flights are merged."""
 
     flight: Flight
     scheme: Scheme = eqx.field(static=True)
@@ -186,9 +181,8 @@ class Splitting(Method):
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
-        If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. No
-        iteration then passes a force to the next one; for a short flight, these passes over memory would take a large
-        part of the run time.
+        If the step begins with a kick, this kick precedes the loop. No iteration then passes a force to the next one;
+        for a short flight, these passes over memory would take a large part of the run time.
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
@@ -259,11 +253,8 @@ class _Stages(NamedTuple):
     """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
 
     Attributes:
-        flight, system, t0, t1, h: of the step.
-        displaced: of the scheme.
         flown: a list to which each flight adds the known parts of its reverse; or None.
-        known: a list of the known parts of the flights, from the last to the first, or None; each flight removes its
-            entry.
+        known: the known parts of the flights, from the last to the first, or None; each flight removes its entry.
     """
 
     flight: Flight

@@ -22,19 +22,11 @@ class Series(Statistic):
 
     @abstractmethod
     def begun(self, bodies: int, values: Any) -> Any:
-        """The initial carry of these bodies, a pytree of arrays (bodies, ...).
-
-        Args:
-            values: the observed values of one body at one time, a pytree of arrays or of their shapes and dtypes.
-        """
+        """The initial carry of these bodies, a pytree of arrays (bodies, ...); `values` are of one body at one time."""
 
     @abstractmethod
     def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        """The carry after the values (bodies, k, ...) at the next k times.
-
-        Args:
-            good: (bodies, k), whether the value counts; after one that does not, no value of the body counts.
-        """
+        """The carry after the values (bodies, k, ...) at the next k times; none counts after one that is not `good`."""
 
     @abstractmethod
     def sums(self, carried: Any, counted: Array) -> Any:
@@ -62,7 +54,6 @@ class Series(Statistic):
         )
 
     def finished(self, merged: Any) -> Any:
-        """The arrays of each `result` by name."""
         return jax.tree.map(lambda found: found._asdict(), merged, is_leaf=lambda x: hasattr(x, "_asdict"))
 
     def row_of(self, name: str) -> str:

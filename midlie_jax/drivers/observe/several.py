@@ -11,11 +11,7 @@ from .statistics import Statistic
 
 
 def several(statistics: dict[str, Any]) -> Statistic:
-    """The statistics as one, whose results are dicts.
-
-    Raises:
-        ValueError: an entry is no statistic, or some are over times and others are not.
-    """
+    """The statistics as one, whose results are dicts; raises unless all are statistics of one kind."""
     others = [name for name, one in statistics.items() if not isinstance(one, Statistic)]
     if others:
         raise ValueError(

@@ -42,11 +42,9 @@ class Carried(NamedTuple):
     """The values carried for n bodies from one block of values to the next.
 
     Attributes:
-        time: (n,), number of values so far, the same for all bodies.
-        counted: (n,), number of them that count.
+        time, counted: (n,), number of values so far, the same for all bodies, and number of them that count.
         last: (n, m, segment - 1), the last values.
-        high, low: (n, f), the sum of the densities of all segments; the low part is the rounding error of the high
-            part.
+        high, low: (n, f), the sum of the densities of all segments, and the rounding error of this sum.
     """
 
     time: Array

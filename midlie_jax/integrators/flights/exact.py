@@ -24,12 +24,8 @@ T = TypeVar("T")
 
 
 class Flown(NamedTuple):
-    """The results of a formula.
-
-    Attributes:
-        increment: the rotation of the body.
-        change: the change of the momentum.
-        parts: further numbers for the tangent, the same for a flight and for its reverse; or ().
+    """The results of a formula: the rotation of the body, the change of the momentum, and further numbers for the
+    tangent, which are the same for a flight and for its reverse, or ().
     """
 
     increment: cp.Quaternion
@@ -61,13 +57,7 @@ class ExactFlight(JudgedFlight):
     def tangent(
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Any]:
-        """The tangent of the change of the momentum, chi, and the tangents of the parts.
-
-        Args:
-            inertia, h, momentum: as for `formula`.
-            flown: the result of `formula`.
-            changes: the tangents of inertia, h and momentum.
-        """
+        """The tangents of the change of the momentum, chi, and the tangents of the parts."""
 
     @abstractmethod
     def verdict(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
@@ -78,7 +68,6 @@ class ExactFlight(JudgedFlight):
         return increment, change, self.verdict(inertia, h, momentum)
 
     def fly(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        """`formula`, with its derivative."""
         return _fly(self, inertia, h, momentum, None)
 
     def carry(

@@ -17,8 +17,7 @@ class Labels(NamedTuple):
     """The permutation from body axes to labelled axes.
 
     Attributes:
-        forward, backward: whether the axes of the body are counted from the next or from the previous axis, so that the
-            axis of the middle moment is the second.
+        forward, backward: whether the axes of the body are counted from the next or from the previous axis.
         exchanged: whether the first and the third axis are then exchanged.
         side: the sign of the third axis; the momentum is on its positive side.
     """

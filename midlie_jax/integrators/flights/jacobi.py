@@ -121,10 +121,7 @@ class Jacobi(ExactFlight):
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
-    """The rotation in a unit of time of a body with momentum y, in units of the largest moment.
-
-    Letters are those of the module docstring.
-    """
+    """The rotation in a unit of time of a body with momentum y, in units of the largest moment; letters as above."""
     a, middle = inertia.gaps, inertia.middle
     k, a_jk, squares, total, K, differences, wp, g2, g3 = Invariants.of(inertia, y)
     s, w, odd = step_functions(wp, g2, g3, LARGEST_TURN)

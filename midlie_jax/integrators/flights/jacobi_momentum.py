@@ -126,8 +126,7 @@ class HalfWay(NamedTuple):
 def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
     """The change of the momentum in a flight of time h, and the invariants of half the flight.
 
-    The change is exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most
-    `radius`.
+    It is exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
     """
     half = fuse_second_derivative(HalfWay.of(inertia, h, momentum, radius))
     pulls = cp.times(inertia.gaps, half.squares)

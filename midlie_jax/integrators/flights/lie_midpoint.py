@@ -107,8 +107,7 @@ def _improve(
 ) -> tuple[cp.Vector, Array]:
     """The result of Newton steps with one fixed Jacobian, and whether they converged.
 
-    Each step reduces the residual by at least the same factor as the previous step. This bounds the last residual,
-    which need not be computed.
+    Each step reduces the residual by at least the factor of the previous step, which bounds the last residual.
     """
     inverse = cp.Inverse3.of(columns, exact=False)
     previous = current = jnp.zeros_like(y[0])

@@ -120,11 +120,10 @@ def _equal(a: Any, b: Any) -> Any:
 
 
 class _Numbering(NamedTuple):
-    """The axes renumbered cyclically, so that the axis of symmetry becomes the third axis.
+    """The axes renumbered cyclically, so that the axis of symmetry becomes the third; `was_first`: it is the first of
+    the body.
 
-    Attributes:
-        was_first, was_second: whether the axis of symmetry is the first or the second axis of the body. Python bools,
-            or arrays if the axis is unknown before tracing.
+    The attributes are Python bools, or arrays if the axis is unknown before tracing.
     """
 
     was_first: Any
@@ -164,9 +163,8 @@ def symmetric_turn(
 ) -> tuple[cp.Quaternion, tuple[Array, Array], Functions]:
     """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
-    Returns:
-        The increment; the cosine and sine of half the angle b (in the body frame, the momentum rotates by -b about axis
-        3); and the functions of both angles.
+    Also the cosine and sine of half the angle b (in the body frame, the momentum rotates by -b about axis 3), and the
+    functions of both angles.
     """
     turn, angle = _rotations(h, a, c, momentum)
     cosine, sinc = cosine_and_sinc(angle)
@@ -181,7 +179,6 @@ def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
 
 
 def bounded(h: Array, a: Array, c: Array, momentum: cp.Vector) -> list[tuple[Array, float]]:
-    """Pairs (size, bound): all are within bounds if both rotations of `symmetric_turn` are at most 4.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
     return [(cp.dot(turn, turn), WIDEST_SQUARE), (angle * angle, WIDEST_SQUARE)]
 

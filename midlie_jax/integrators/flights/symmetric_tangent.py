@@ -26,12 +26,7 @@ from .turn_tangent import Changes
 
 
 class Functions(NamedTuple):
-    """Functions of the two angles of a flight, shared by its value and its tangent.
-
-    Attributes:
-        cosine, sinc: cos and sinc of b/2.
-        two: (1 - cos |v|)/|v|^2.
-    """
+    """Functions of the angles of a flight, for value and tangent: cos and sinc of b/2; (1 - cos |v|)/|v|^2."""
 
     cosine: Array
     sinc: Array
@@ -47,15 +42,8 @@ class Functions(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """The flight of a symmetric body.
-
-    Attributes:
-        h: the time.
-        spin, gap: a and c - a in units of the largest moment.
-        per_unit: 1 / the largest moment.
-        momentum, scaled: the momentum at the start, and in units of the largest moment.
-        angle: b.
-        functions: the functions of its angles.
+    """The flight of a symmetric body; `spin` and `gap` are a and c - a, and `scaled` the momentum, in units of the
+    largest moment, and `angle` is b.
     """
 
     h: Array
@@ -75,10 +63,7 @@ class Turning(NamedTuple):
         return cls(h, spin, gap, per_unit, momentum, scaled, h * (gap * scaled[2]), functions)
 
     def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector, Functions]:
-        """The tangent of the change of the momentum, chi, and the tangents of the functions.
-
-        `increment` belongs to the flight.
-        """
+        """The tangent of the change of the momentum, chi, and the tangents of the functions."""
         start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
         if changes.spins is not None:
             a, b, _ = changes.spins
@@ -102,10 +87,7 @@ class Turning(NamedTuple):
     def _chi(
         self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion
     ) -> tuple[cp.Vector, Functions]:
-        """The chi of the two rotations and the tangents of the functions.
-
-        Both follow from the tangents of the angle b and of the momentum at the start of the rotations.
-        """
+        """The chi of the two rotations and the tangents of the functions, from those of b and of the momentum."""
         turn = cp.scale(self.h * self.spin, self.scaled)
         change = cp.scale(self.h * self.spin * self.per_unit, start)
         rate = None if changes.h is None else changes.h * self.spin

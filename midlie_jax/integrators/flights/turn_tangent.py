@@ -32,12 +32,8 @@ _NO_TURN = {"float64": 1e-280, "float32": 1e-28}
 
 
 class Changes(NamedTuple):
-    """Tangents of the arguments of a flight.
-
-    Attributes:
-        spins: the tangents of the inverse moments in units of the largest moment; None if they do not change.
-        h: the tangent of the time; None if it does not change.
-        momentum: the tangent of the momentum.
+    """Tangents of the arguments of a flight, each None if it does not change; `spins` of the inverse moments in units
+    of the largest moment.
     """
 
     spins: cp.Vector | None
@@ -46,17 +42,13 @@ class Changes(NamedTuple):
 
     @classmethod
     def of(cls, inertia: Inertia, inertia_tangent: Any, h: Any, momentum: Any) -> "Changes":
-        """The changes, from the tangents of inertia, h and momentum, each of which may be a symbolic zero.
-
-        The inverse moments determine `Inertia`, so only their tangents are used.
-        """
+        """The changes; tangents may be symbolic zeros. Those of the inverse moments determine those of `Inertia`."""
         inverses, spins = inertia_tangent.inverses, None
         if not all(map(is_zero, inverses)):
             spins = cp.scale(cp.largest(inertia.moments), with_zeros(inverses, inertia.inverses))
         return cls(spins, None if is_zero(h) else h, with_zeros(momentum, inertia.inverses))
 
     def gaps(self) -> cp.Vector:
-        """The tangents of the gaps of the inertia; only if the inverse moments change."""
         assert self.spins is not None
         x, y, z = self.spins
         return z - y, x - z, y - x
@@ -79,15 +71,11 @@ def turn_of(
     momentum_change: cp.Vector,
     lag: Array | None,
 ) -> cp.Vector:
-    """The chi of a change of the arguments of a flight.
+    """The chi of a change of the arguments of a flight, from its rotation and the tangent of the change of the
+    momentum.
 
-    Args:
-        inertia, h, momentum: the arguments of the flight.
-        increment: the rotation in the time h.
-        changes: the tangents of inertia, h and momentum.
-        momentum_change: the tangent of the change of the momentum.
-        lag: the L of the module docstring, for momenta in units of the largest moment; needed only if the inverse
-            moments change.
+    `lag` is the L of the module docstring, for momenta in units of the largest moment; needed if the inverse moments
+    change.
     """
     # With the momentum in units of an angle, nothing overflows or underflows in any user units.
     y = inertia.travel(h, momentum)
