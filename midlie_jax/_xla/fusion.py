@@ -92,7 +92,7 @@ def cut(tree: T) -> T:
 
 
 def fuse_derivative(tree: T) -> T:
-    """`split` in a derivative, which is several times larger than the step; in the step itself it compiles to nothing."""
+    """`split` in a derivative, which is several times larger than the step; nothing in the step itself."""
     return _bind(tree, _DERIVATIVE)
 
 

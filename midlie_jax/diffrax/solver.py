@@ -152,7 +152,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return terms.vf(t0, y0, args).ambient
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array], Method]:
-        """The system, the map from the time of diffrax, which always increases, to the term's, and the fitted method."""
+        """The system, the map from the increasing time of diffrax to the term's, and the fitted method."""
         term = _single_term(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y, self.method)

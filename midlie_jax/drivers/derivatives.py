@@ -62,10 +62,26 @@ class Adjoint(eqx.Module):
 
     def check(self, method: Method, system: System, save_every: int) -> None:
         """Raises a ValueError if the derivative does not exist for this method and torque."""
-        del method, system, save_every
 
 
-class Checkpointed(Adjoint):
+class _Keeping(Adjoint):
+    """An adjoint that keeps a state every `every` steps."""
+
+    every: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self) -> None:
+        if self.every is not None:
+            as_count("every", self.every)
+
+    def check(self, method: Method, system: System, save_every: int) -> None:
+        if self.every is not None and save_every % self.every:
+            raise ValueError(
+                f"save_every ({save_every}) must be divisible by every ({self.every}) of the adjoint; "
+                "change one of them."
+            )
+
+
+class Checkpointed(_Keeping):
     """Reverse mode keeps some states and recomputes the others; forward mode and higher derivatives work as well.
 
     Attributes:
@@ -84,17 +100,6 @@ class Checkpointed(Adjoint):
         -0.035224
     """
 
-    every: int | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self) -> None:
-        if self.every is not None:
-            as_count("every", self.every)
-
-    def check(self, method: Method, system: System, save_every: int) -> None:
-        del method, system
-        if self.every is not None:
-            _check_division(self.every, save_every)
-
     def run(self, steps: Steps, progress: Progress) -> Progress:
         size = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
         every = self.every or _every(steps.number, steps.total, size)
@@ -110,7 +115,7 @@ class Checkpointed(Adjoint):
         return jax.lax.scan(block, progress, _in_blocks(steps.inputs, every))[0]
 
 
-class Reversible(Adjoint):
+class Reversible(_Keeping):
     """Reverse mode takes the steps of a symmetric method backwards; memory does not grow with the number of steps.
 
     A step of -h reverses a step of h, up to rounding. The rounding errors of backward steps accumulate. A few states
@@ -134,12 +139,6 @@ class Reversible(Adjoint):
         -0.035224
     """
 
-    every: int | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self) -> None:
-        if self.every is not None:
-            as_count("every", self.every)
-
     def check(self, method: Method, system: System, save_every: int) -> None:
         if not method.symmetric:
             raise ValueError(
@@ -151,8 +150,7 @@ class Reversible(Adjoint):
                 "adjoint=Reversible() needs a torque that does not read the momentum, because a step with another "
                 "torque cannot be undone; use Checkpointed()."
             )
-        if self.every is not None:
-            _check_division(self.every, save_every)
+        super().check(method, system, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
         block = self.every or _block(steps.number, progress)
@@ -205,13 +203,6 @@ def as_adjoint(adjoint: Any) -> Adjoint:
             f"adjoint must be midlie_jax.adjoints.Checkpointed(), Reversible() or Forward(), got {described(adjoint)}."
         )
     return adjoint
-
-
-def _check_division(every: int, save_every: int) -> None:
-    if save_every % every:
-        raise ValueError(
-            f"save_every ({save_every}) must be divisible by every ({every}) of the adjoint; change one of them."
-        )
 
 
 def _every(number: int, total: int, size: int) -> int:

@@ -32,26 +32,7 @@ from .rows import AUTO, count_rows, torque_rows
 from .stepper import Carry, carried_on
 
 
-@overload  # the return type follows `observe`
-def ensemble(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    torque_axes: Any = ...,
-    chunk: int | None = ...,
-    adjoint: Adjoint | None = ...,
-    mesh: Mesh | None = ...,
-    bath: HeatBath | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def ensemble(
     method: Method | str,
     body: Body,
@@ -74,7 +55,7 @@ def ensemble(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -86,6 +67,7 @@ def ensemble(
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
     bath: HeatBath | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def ensemble(
     method: Method | str,

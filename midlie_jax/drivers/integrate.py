@@ -35,23 +35,7 @@ from .shared_inputs import Rows, SharedInputs
 from .stepper import Carry, OneStep, carried_on, check_carried
 
 
-@overload  # the return type follows `observe`
-def integrate(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    adjoint: Adjoint | None = ...,
-    bath: HeatBath | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def integrate(
     method: Method | str,
     body: Body,
@@ -71,7 +55,7 @@ def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -80,6 +64,7 @@ def integrate(
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
     bath: HeatBath | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate(
     method: Method | str,

@@ -63,24 +63,7 @@ class _Clock(NamedTuple):
     taken: Array  # steps taken
 
 
-@overload  # the return type follows `observe`
-def integrate_variable_step(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    density: DensityLike,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    t1: float | Array | None = ...,
-    rho: float | Array | None = ...,
-    adjoint: Adjoint | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def integrate_variable_step(
     method: Method | str,
     body: Body,
@@ -101,7 +84,7 @@ def integrate_variable_step(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -111,6 +94,7 @@ def integrate_variable_step(
     t1: float | Array | None = ...,
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate_variable_step(
     method: Method | str,

@@ -52,9 +52,9 @@ class Method(eqx.Module):
     order: int = eqx.field(static=True)
     bodies: type[Any] = eqx.field(static=True)
     evaluations: int = eqx.field(static=True)
-    symmetric: bool = eqx.field(static=True, default=False)
-    symplectic: bool = eqx.field(static=True, default=False)
-    keeps_momentum: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True)
+    symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
 
     @property
     def keeps_energy(self) -> bool:

@@ -104,6 +104,9 @@ class Brownian(Method):
 
     name: str = eqx.field(static=True, default="BROWNIAN")
     order: int = eqx.field(static=True, default=2)
+    symmetric: bool = eqx.field(static=True, default=False)
+    symplectic: bool = eqx.field(static=True, default=False)
+    keeps_momentum: bool = eqx.field(static=True, default=False)
     bodies: type[Any] = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=2)
 

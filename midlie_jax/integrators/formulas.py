@@ -153,7 +153,7 @@ class Extrapolation(NamedTuple):
         return total
 
     def change_in_loop(self, rates: Rates, motion: AnyMotion, like: Array) -> AnyMotion:
-        """`change` as one loop over all substeps of all rules, in the dtype of `like`; rates are compiled only twice."""
+        """`change` as one loop over all substeps of all rules, in the dtype of `like`; it holds the rates twice."""
         first = rates(0.0, 1.0, motion)
         zeros = jax.tree.map(jnp.zeros_like, motion)
         # For each substep: its time and length; 1/n if it is the second of its rule, whose first has f(y); the weight

@@ -30,6 +30,7 @@ class Implicit(Method):
 
     order: int = eqx.field(static=True, default=2)
     symmetric: bool = eqx.field(static=True, default=True)
+    symplectic: bool = eqx.field(static=True, default=False)
     keeps_momentum: bool = eqx.field(static=True, default=True)
     bodies: type[Any] = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=4 * _ITERATIONS + 2)

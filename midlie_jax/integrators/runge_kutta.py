@@ -43,6 +43,7 @@ class RungeKutta(Method):
     projects: bool = eqx.field(static=True)
 
     def __init__(self, name: str, formula: Formula, *, projects: bool = False):
+        self.symmetric = self.symplectic = self.keeps_momentum = False
         self.name, self.formula, self.order, self.projects = name, formula, formula.order, projects
         self.bodies = RigidBody if projects else Body
         self.evaluations = formula.evaluations + (_OF_PROJECTION if projects else 0)

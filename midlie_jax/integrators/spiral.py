@@ -35,6 +35,9 @@ class Spiral(Method):
 
     name: str = eqx.field(static=True, default="SPIRAL")
     order: int = eqx.field(static=True, default=2)
+    symmetric: bool = eqx.field(static=True, default=False)
+    symplectic: bool = eqx.field(static=True, default=False)
+    keeps_momentum: bool = eqx.field(static=True, default=False)
     bodies: type[Any] = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=1)
 
