@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .fusion import barrier
-from .internals import make_predicate
+from .internals import ShapedArray, make_primitive
 
 
 def apart(function: Callable[..., Any], t: Array, *arguments: Any) -> Any:
@@ -29,7 +29,14 @@ def apart(function: Callable[..., Any], t: Array, *arguments: Any) -> Any:
         shapes = jax.eval_shape(function, t, *arguments)
         return jax.tree.map(lambda x: jnp.full(x.shape, jnp.nan, x.dtype), shapes)
 
-    return barrier(jax.lax.cond(_is_time(t), function, nothing, t, *barrier(arguments)))
+    (is_time,) = _is_time.bind(jax.lax.stop_gradient(t))
+    return barrier(jax.lax.cond(is_time, function, nothing, t, *barrier(arguments)))
 
 
-_is_time = make_predicate("is_time", default=jnp.ones_like, on_cpu=lambda t: t == t)
+_is_time = make_primitive(
+    "is_time",
+    default=lambda t: [jnp.any(jnp.ones_like(t).astype(bool))],
+    on_cpu=lambda t: [jnp.any(t == t)],
+    batch=lambda values, axes: (_is_time.bind(*values), [None]),
+    outputs=lambda types: [ShapedArray((), jnp.bool_)],
+)

@@ -20,9 +20,8 @@ from ..integrators.splitting import Splitting
 from ..integrators.system import AnyMotion, System
 from ..integrators.verdict import FINE, is_fine
 from ..model.torques import velocity_dependent
+from .dense import LieInterpolation, ShorterStep, Start
 from .estimate import REFERENCE_ORDER, History, companion
-from .interpolation import LieInterpolation
-from .shorter_step import ShorterStep, Start
 from .term import RigidBodyTerm, as_time, check, unchecked
 
 

@@ -6,6 +6,8 @@ body. Its verdict says that it failed, and its saved values are replaced by NaN.
 A run without derivatives contains none of this, because the choices would take a tenth of the time of short runs.
 """
 
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -30,40 +32,37 @@ def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T
     read = [] if torque is None else jax.closure_convert(lambda t, state: torque(t, state), t, start)[1]
     read = [x for x in jax.tree.leaves((read, others)) if eqx.is_inexact_array(x)]
     leaves, structure = jax.tree.flatten(start)
-    return structure.unflatten(_start(leaves, good, read))
+    return structure.unflatten(_chosen(_starts_of_another, leaves, good, read))
 
 
 def nan_unless(good: Array, tree: T) -> T:
     """The tree; in a differentiated run, NaN replaces its floating-point numbers unless `good`."""
     numbers, rest = eqx.partition(tree, eqx.is_inexact_array)
     leaves, structure = jax.tree.flatten(numbers)
-    return eqx.combine(structure.unflatten(_saved(leaves, good)), rest)
+    return eqx.combine(structure.unflatten(_chosen(_nan, leaves, good, [])), rest)
 
 
-@jax.custom_jvp
-def _start(leaves: list[Array], good: Array, read: list[Array]) -> list[Array]:
-    del read
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _chosen(others: Callable[..., Iterable[Array]], leaves: list[Array], good: Array, read: list[Array]) -> list[Array]:
+    """The leaves; in a derivative by one of the arguments, `others` unless `good`."""
+    del others, read
     return in_rows(leaves, [good])
 
 
-@_start.defjvp
-def _start_jvp(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
+@_chosen.defjvp
+def _chosen_jvp(others: Any, primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
     leaves, good, _ = primals
-    others = _other.bind(good, *jax.lax.stop_gradient(leaves))
-    chosen = [jnp.where(good, x, other) for x, other in zip(leaves, others, strict=True)]
+    chosen = [jnp.where(good, x, other) for x, other in zip(leaves, others(good, leaves), strict=True)]
     return chosen, [jnp.where(good, x, jnp.zeros_like(x)) for x in tangents[0]]
 
 
-@jax.custom_jvp
-def _saved(leaves: list[Array], good: Array) -> list[Array]:
-    return in_rows(leaves, [good])
+def _starts_of_another(good: Array, leaves: list[Array]) -> Iterable[Array]:
+    return _other.bind(good, *jax.lax.stop_gradient(leaves))
 
 
-@_saved.defjvp
-def _saved_jvp(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
-    leaves, good = primals
-    saved = [jnp.where(good, x, jnp.full_like(x, jnp.nan)) for x in leaves]
-    return saved, [jnp.where(good, x, jnp.zeros_like(x)) for x in tangents[0]]
+def _nan(good: Array, leaves: list[Array]) -> Iterable[Array]:
+    del good
+    return (jnp.full_like(x, jnp.nan) for x in leaves)
 
 
 def _ones(good: Array, *leaves: Array) -> list[Array]:
@@ -85,16 +84,10 @@ def _batch(values: Any, axes: Any) -> tuple[list[Array], list[None]]:
     return [other(*pair) for pair in zip(leaves, of_leaves, strict=True)], [None] * len(leaves)
 
 
-def _no_derivative(*arguments: Any, **parameters: Any) -> Any:
-    raise AssertionError("the start of another body has no derivative")
-
-
 _other = make_primitive(
     "start_of_another",
     default=_ones,
     on_cpu=_ones,
-    jvp=_no_derivative,
-    transpose=_no_derivative,
     batch=_batch,
     outputs=lambda types: types[1:],
 )
