@@ -107,9 +107,7 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
     if callable(value):
         require_function(name, value, "t")
         return cast(Callable[[Any], Array], value)
-    array = as_floats(name, value, (3,))
-    require_finite(name, array)
-    return array
+    return as_finite(name, value, (3,))
 
 
 def vector_at(name: str, value: Any, t: Any) -> Array:

@@ -62,16 +62,12 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
       continuous, but its rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more,
       if the times of events or the states between steps must have the accuracy of the steps.
 
-    Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
-
-    - p = 1: asymptotically the true local error, of order h^2.
-    - p = 2: asymptotically the true local error, of order h^3.
-    - p >= 4: the error of the companion, of order h^4 in the momentum and h^5 in the attitude; larger than the error of
-      the step.
-
-    `error_order` returns this exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the
-    momentum. Derivatives do not pass through the estimate. Prefer constant steps for long runs: a varying step destroys
-    the long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
+    Error estimate: the step minus its companion (module `estimate`). For a method of order p = 1 or 2 it is
+    asymptotically the true local error, of order h^(p + 1). For p >= 4 it is the error of the companion, of order h^4
+    in the momentum and h^5 in the attitude, which is larger than the error of the step. `error_order` returns this
+    exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the momentum. Derivatives do not pass
+    through the estimate. Prefer constant steps for long runs: a varying step destroys the long-time energy behaviour of
+    these methods (`benchmarks/diffrax_pipeline.py energy`).
 
     A step has an infinite error if its solve failed, if it is not finite, or if it rotates by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not

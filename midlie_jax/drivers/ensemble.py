@@ -202,11 +202,8 @@ def as_batch(
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(method, dt)
     arguments = (body, torque, start, dt, t0)
-    leaves, structure = jax.tree.flatten(arguments)
-    marks = once(_with_rows, arguments, torque_axes)
-    mapped = structure.unflatten([leaf if own else None for leaf, own in zip(leaves, marks, strict=True)])
-    shared = structure.unflatten([None if own else leaf for leaf, own in zip(leaves, marks, strict=True)])
-    return Batch(method, count, mapped, shared)
+    marks = jax.tree.unflatten(jax.tree.structure(arguments), once(_with_rows, arguments, torque_axes))
+    return Batch(method, count, *eqx.partition(arguments, marks))
 
 
 def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:

@@ -5,9 +5,9 @@ be one shared vector or one number per body. Every reading is therefore tried on
 must choose.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -123,22 +123,13 @@ def _only_reading(torque: _Shapes, others: tuple[_Shapes, ...], count: int) -> t
             f"{torque.call(tuple(candidates))}; if all bodies share them, write {torque.call(())}."
         )
     wanted = others[0].leaves[0].shape  # of one body's momentum, the first array of a state
-    found: list[tuple[int, ...]] = []
-    for chosen in _choices(candidates):
-        if _torque_shape(torque, chosen, others) == wanted:
-            found.append(chosen)
-        if len(found) > 1:
-            break
+    subsets = (chosen for size in range(len(candidates) + 1) for chosen in combinations(candidates, size))
+    found = list(islice((chosen for chosen in subsets if _torque_shape(torque, chosen, others) == wanted), 2))
     if len(found) > 1:
         raise ValueError(_ambiguous(torque, found, count))
     if not found:
         _refuse(torque, candidates, others, count)
     return found[0] if found else ()
-
-
-def _choices(candidates: list[int]) -> Iterator[tuple[int, ...]]:
-    for size in range(len(candidates) + 1):
-        yield from combinations(candidates, size)
 
 
 def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> tuple[int, ...] | None:

@@ -281,8 +281,14 @@ def _run(
         if all_steps:
             carry = take_steps(carry, every)
         else:
-            take_block = partial(take_steps, count=_block(every))
-            carry = _while_any_moves(take_block, carry, every // _block(every))
+            # Blocks of steps, until the next step of every body is zero.
+            size = max(n for n in range(1, budgets.CHECKED_STEPS + 1) if every % n == 0)
+            first = jnp.array(0, jnp.int32), carry
+            _, carry = jax.lax.while_loop(
+                lambda state: (state[0] < every // size) & (state[1][1].h != 0),
+                lambda state: (state[0] + 1, take_steps(state[1], size)),
+                first,
+            )
         progress, clock = carry
         state = system.state(progress.motion)
         seen = observe_state(observe, clock.t, state, body, torque)
@@ -379,16 +385,3 @@ def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) 
             f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
         )
     return jnp.asarray(jax.tree.leaves(value)[0], t.dtype)
-
-
-def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
-    def moves(state: Any) -> Array:
-        count, (_, clock) = state
-        return (count < blocks) & (clock.h != 0)
-
-    start = jnp.array(0, jnp.int32), carry
-    return jax.lax.while_loop(moves, lambda state: (state[0] + 1, take_block(state[1])), start)[1]
-
-
-def _block(count: int) -> int:
-    return max(n for n in range(1, budgets.CHECKED_STEPS + 1) if count % n == 0)

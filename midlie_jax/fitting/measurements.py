@@ -84,12 +84,8 @@ class Measurement(eqx.Module):
 
     @abstractmethod
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        """Model minus measurement, of the shape of `present`.
-
-        Args:
-            parameters: the values of all parameters.
-            body: the body of the model.
-            states: the model's states at `times`.
+        """Model minus measurement, of the shape of `present`, for the values of all parameters and the model's states
+        at `times`.
         """
 
     def unbiased(self, parameters: Any) -> Array:

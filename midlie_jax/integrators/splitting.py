@@ -153,16 +153,9 @@ class Splitting(Method):
             stages = stages._replace(system=system)
             return motion
 
-        def kick(*given: Any) -> AnyMotion:
-            return stages.kick(*given)
-
-        def evaluate(*given: Any) -> Any:
-            return stages.evaluate(*given)
-
-        def bathe(*given: Any) -> AnyMotion:
-            return stages.bathe(*given)
-
-        motion, force = run(self.scheme, fly, kick, evaluate, motion, force, bathe)
+        # Each call takes the `stages` at its time.
+        parts = fly, lambda *given: stages.kick(*given), lambda *given: stages.evaluate(*given)
+        motion, force = run(self.scheme, *parts, motion, force, lambda *given: stages.bathe(*given))
         return motion, force, ok
 
     def _after_unrolled_flight(self, system: System, motion: AnyMotion) -> AnyMotion:

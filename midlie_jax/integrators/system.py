@@ -13,7 +13,7 @@ from .._xla import budgets
 from .._xla.fusion import split
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.placement import Placement
-from .._xla.replay import Traced, Traits
+from .._xla.replay import Traced
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
@@ -69,39 +69,25 @@ class System(NamedTuple):
         With `whole`, momenta and poses have the form of `start.parts` even for a few coupled bodies. Raises a
         ValueError if the torque needs concrete numbers where JAX has tracers.
         """
-        if torque is None:
-            return cls._of(body, None, start, None, reads=False, whole=whole)
-        torque = on_body(torque, body)
-        values = values_in_step(torque, t, t, t)
-        try:
-            traced, found = Traced.of(OfValues(torque), values, t, start)
-        except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
-            raise ValueError(
-                "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
-                f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
-            ) from error
-        read = found.reads[1]
-        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
-        system = cls._of(body, torque, start, found, reads=reads, whole=whole)
-        return system._replace(by_step=bool(values), traced=traced)
-
-    @classmethod
-    def _of(
-        cls,
-        body: Body,
-        torque: TorqueLike | None,
-        start: AnyState,
-        found: Traits | None,
-        *,
-        reads: bool,
-        whole: bool,
-    ) -> "System":
+        traced, found, values, reads = None, None, (), False
+        if torque is not None:
+            torque = on_body(torque, body)
+            values = values_in_step(torque, t, t, t)
+            try:
+                traced, found = Traced.of(OfValues(torque), values, t, start)
+            except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
+                raise ValueError(
+                    "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
+                    f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
+                ) from error
+            reads = velocity_dependent(torque) or any(getattr(found.reads[1], name) for name in start.kind.momenta)
         kind = start.kind if whole else start.kind.of_run(start, found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         costly = found is not None and (found.costly or kind.several)
         long = found is not None and (found.operations if kind == start.kind else found.scalars) > budgets.LONG_TORQUE
         inertia, frame = kind.constants(inertia, frame)
-        return cls(inertia, torque, kind, reads, Placement.of(costly=costly, long=long, apart=kind.apart), frame)
+        placement = Placement.of(costly=costly, long=long, apart=kind.apart)
+        return cls(inertia, torque, kind, reads, placement, frame, by_step=bool(values), traced=traced)
 
     def by_entries(self) -> "System":
         """The system with the parameters of the torque as the scalars that a step reads."""

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, described
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import SeriesOfArrays
+from .series import Series
 from .spread import Sums, mean_and_error, sums_of
 
 _PIECE = 64  # times that are combined with all lags at once
@@ -59,7 +59,7 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Products(SeriesOfArrays):
+class Products(Series):
     """Sums of x(t) x(t + lag) of each body; attributes as for `Autocorrelation`."""
 
     lags: int = eqx.field(static=True)

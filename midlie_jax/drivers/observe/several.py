@@ -26,7 +26,7 @@ def several(statistics: dict[str, Any]) -> Statistic:
     return kind(statistics)
 
 
-class _Several(Statistic):
+class SeveralAtOneTime(Statistic):
     statistics: dict[str, Any]
 
     def __init__(self, statistics: dict[str, Any]):
@@ -38,6 +38,9 @@ class _Several(Statistic):
 
     def check(self, saves: int | None) -> None:
         self.each(lambda one: one.check(saves))
+
+    def part(self, values: Any, good: Array) -> Any:
+        return self.each(lambda one, own: one.part(own, good), values)
 
     def merged(self, parts: Any) -> Any:
         return self.each(lambda one, own: one.merged(own), parts)
@@ -54,12 +57,7 @@ class _Several(Statistic):
         }
 
 
-class SeveralAtOneTime(_Several):
-    def part(self, values: Any, good: Array) -> Any:
-        return self.each(lambda one, own: one.part(own, good), values)
-
-
-class SeveralSeries(_Several, Series):
+class SeveralSeries(SeveralAtOneTime, Series):
     fields = ()
 
     def part(self, values: Any, good: Array) -> Any:

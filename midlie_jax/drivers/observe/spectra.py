@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, as_finite, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import SeriesOfArrays
+from .series import Series
 from .spread import Sums, mean_and_error, sums_of
 
 
@@ -54,7 +54,7 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Spectrum(SeriesOfArrays):
+class Spectrum(Series):
     """The one-sided power density over frequency: the mean periodogram over bodies and segments.
 
     The integral over frequency is the variance. Returns a `Density` for each array that the observable returns. The
