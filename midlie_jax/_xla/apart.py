@@ -4,11 +4,10 @@ A force on many bodies must not be fused with the step around it. XLA would repe
 that reads them (the step of two molecules then takes 7000 times longer). XLA's CPU compiler drops an
 `optimization_barrier` before it fuses, but it never fuses across the border of a conditional. On CPUs the function is
 therefore one branch of a conditional whose predicate no compiler can evaluate: whether the time is a number. Under
-`jax.vmap` the predicate is whether any of the times is a number, because a conditional with one predicate per row
-becomes a select, which is fused like everything else.
+`jax.vmap` it is whether any of the times is one, because a conditional with one predicate per row becomes a select.
 
-Compilers for accelerators keep a barrier, but there a conditional would wait for its predicate. On other platforms than
-the CPU the predicate is therefore the constant True, and the function stands between two barriers.
+Compilers for accelerators keep a barrier. There the predicate is the constant True, and the function stands between two
+barriers.
 """
 
 from collections.abc import Callable

@@ -61,11 +61,6 @@ def _has_avx512() -> bool:
         return False
 
 
-def _one(*args: Any, **kwargs: Any) -> int:
-    del args, kwargs
-    return 1
-
-
 class _Number:
     def __init__(self, value: Any):
         self.value, self._kind = value, kind_of(value)
@@ -105,7 +100,7 @@ def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     return call
 
 
-def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Callable[P, R]:
+def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = lambda *args, **kwargs: 1) -> Callable[P, R]:
     """`exact_jit`, with `compiler_options` if the program is outermost, also under `jax.vmap`.
 
     An outermost call finds its program by the structure of its arguments and passes only the arrays, in a fraction of

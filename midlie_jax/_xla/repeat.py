@@ -1,8 +1,7 @@
 """`repeat`: applies a step to each body of a batch, with a number of repetitions per body.
 
-A loop of fixed length would take the largest number of steps that any body can need. A loop that ends with the last
-body of the batch has no reverse derivative. Values therefore come from the second loop and derivatives from the first.
-In both, a body that has taken its steps does not change, so both give the same values.
+A loop that ends with the last body of the batch has no reverse derivative. Values therefore come from such a loop, and
+derivatives from a loop of fixed length. In both, a body that has taken its steps does not change.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """Initial states that are not finite: such a body fails, but the gradients of the other bodies stay finite.
 
-If bodies share a parameter, its reverse derivative is a sum over all of them. The derivative of a body whose initial
-state contains NaN is NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another
-body. Its verdict says that it failed, and its saved values are replaced by NaN. The derivative of this choice is zero.
-A run without derivatives contains none of this, because the choices would take a tenth of the time of short runs.
+If bodies share a parameter, its reverse derivative is a sum over all of them, and NaN for a body whose initial state
+contains NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another body. Its
+verdict says that it failed, and its saved values are replaced by NaN. A run without derivatives contains none of this,
+because the choices would take a tenth of the time of short runs.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,11 +1,8 @@
 """Runs many bodies in chunks that fit the cache, spread over the devices of a mesh; used by `ensemble`.
 
 `jax.vmap` of `integrate` is the same computation, but each step passes over the whole batch. A batch larger than the
-cache is then fetched from memory in every step; chunks avoid this. XLA distributes each pass over the cores. An
-accelerator uses one chunk, because launching a kernel for each step and chunk would take longer than fetching the
-batch.
-
-With a mesh the chunks are spread over its devices. Devices do not communicate during the steps.
+cache is then fetched from memory in every step; chunks avoid this. An accelerator uses one chunk, because launching a
+kernel for each step and chunk would take longer. Devices do not communicate during the steps.
 """
 
 from functools import partial

@@ -1,12 +1,11 @@
 """Detects blow-ups of translating or coupled bodies: the run gained energy that its forces do not give.
 
-A step beyond the stability limit of a force makes the motion grow without bound, but stay finite: a chain flies apart
-and looks like a result. The reach of a method detects this only for rotations. For a potential that does not depend on
-time, the run therefore compares its final energy with its initial energy, once, outside the loop over steps.
-`simulate` compares them at the end of each part.
+A step beyond the stability limit of a force makes the motion grow without bound, but stay finite. The reach of a method
+detects this only for rotations. For a potential that does not depend on time, the run therefore compares its final
+energy with its initial energy, once, outside the loop over steps; `simulate` at the end of each part.
 
-With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most
-a / (1 - a) (K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
+With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most a / (1 - a)
+(K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
 """
 
 from functools import reduce

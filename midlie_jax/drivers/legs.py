@@ -1,9 +1,8 @@
 """A leg: part of the steps of a run, between two stops; one program computes every leg.
 
 `simulate` stores the progress of a run so often that at most half a minute of work can be lost. The number of steps in
-this time depends on the machine, but results must not. The number of steps is therefore an argument of the program: all
-legs run the same compiled code. A leg begins with the progress at the end of the previous leg, because progress made
-again from a state may differ in the last bit.
+this time depends on the machine, but results must not; it is therefore an argument of the program. A leg begins with
+the progress at the end of the previous leg, because progress made again from a state may differ in the last bit.
 """
 
 from typing import Any, NamedTuple

@@ -1,10 +1,8 @@
 """A verdict: an integer from each step, which shows whether the step can be trusted and, if not, why.
 
-It is the index of the member of `midlie_jax.RESULTS` that the path of the run returns.
-
-A run carries the verdict of its first step that failed, at the cost of one more select per step than a boolean. A
-flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is not
-finite. The largest share in a step counts.
+It is the index of the member of `midlie_jax.RESULTS` that the path of the run returns, from the first step that failed.
+A flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is
+not finite. The largest share in a step counts.
 """
 
 from typing import Any

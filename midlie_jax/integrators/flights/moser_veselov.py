@@ -43,7 +43,6 @@ class _Preprocessed(JudgedFlight):
     solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
-    one_loop: ClassVar[bool] = False
     # For a spin about a principal axis c = (1 + c^2) (h/2) Omega, which has real roots only up to h |Omega| = 1, where
     # both meet at c = 1, a rotation by 90 degrees. DMV4 and DMV6 reach up to a fifth further.
     reach: ClassVar[float] = 1.0

@@ -72,7 +72,6 @@ class SymplecticMidpoint(_Generated):
     use: ClassVar[str] = "comparison with LIEMID: the paper's flight made symplectic"
     order: ClassVar[int | None] = 2
     per_loop: ClassVar[int] = 2
-    one_loop: ClassVar[bool] = False
 
 
 class SymplecticMidpoint4(_Generated):
@@ -93,7 +92,6 @@ class SymplecticMidpoint4(_Generated):
     use: ClassVar[str] = "symplectic, of order 4 with one solve; JACOBI is exact and faster"
     order: ClassVar[int | None] = 4
     per_loop: ClassVar[int] = 1
-    one_loop: ClassVar[bool] = False
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
