@@ -117,7 +117,6 @@ def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
     A solve that ends with `split` is therefore not repeated, as it would be without a policy. Without a checkpoint,
     each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
-    del types
     return primitive is _fuse and _reduces(parameters["use"])
 
 
@@ -191,7 +190,6 @@ def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]
 
 
 def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:
-    del primals
     if use in (_FUSE, _FUSE_STEP):  # the cotangents of a step enter here
         return list(cotangents)
     return _fuse_where(cotangents, _is_nonzero, _COTANGENTS.get(use, use))

@@ -27,7 +27,6 @@ def with_tangents_of(copies: Sequence[Array], arrays: Sequence[Array]) -> list[A
 
 
 def _first(*values: Array, count: int, moved: int) -> list[Array]:
-    del moved
     return list(values[:count])
 
 

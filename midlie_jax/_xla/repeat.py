@@ -57,5 +57,4 @@ def _largest(count: Array) -> Array:
 
 @_largest.def_vmap
 def _largest_of_batch(size: int, batched: list[bool], count: Array) -> tuple[Array, bool]:
-    del size, batched
     return _largest(jnp.max(count, axis=0, initial=0)), False

@@ -252,7 +252,6 @@ def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Pla
 
 
 def _replay_move(move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    del pool
     result = move(operands, equation.params, equation.outvars[0].aval.shape)
     return result if isinstance(result, list) else [result]
 
@@ -271,7 +270,6 @@ def _replay_indexed_move(
 
 
 def _replay_iota(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    del operands
     parameters, aval = equation.params, equation.outvars[0].aval
     positions = np.indices(aval.shape)[parameters["dimension"]].astype(parameters["dtype"])
     return [pool.store(list(positions.flat), aval.shape)]

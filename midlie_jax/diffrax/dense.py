@@ -39,7 +39,6 @@ class _Dense(diffrax.AbstractLocalInterpolation):
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
         """The state at t0; with t1, the arrays at t1 minus the arrays at t0. `derivative` differentiates the arrays."""
-        del left
         if t1 is not None:
             return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
         # A Python number would be a constant of the compiled program, which would then be recompiled for each time.

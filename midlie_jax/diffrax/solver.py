@@ -121,7 +121,6 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any) -> Memory:
         """The memory before the first step: the torque at t0, and no history."""
-        del t1
         system, clock, method = self._system(terms, t0, y0, args)
         return _new_memory(system, clock(t0), system.motion(y0), _begins_with_force(method, system))
 

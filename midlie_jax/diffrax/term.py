@@ -102,7 +102,6 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         return Rates(ambient_rate(y, velocity, force), cp.packed(velocity), cp.packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
-        del kwargs
         return t1 - t0
 
     def prod(self, vf: Rates, control: Any) -> Any:

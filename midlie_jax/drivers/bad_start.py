@@ -45,7 +45,6 @@ def nan_unless(good: Array, tree: T) -> T:
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _chosen(others: Callable[..., Iterable[Array]], leaves: list[Array], good: Array, read: list[Array]) -> list[Array]:
     """The leaves; in a derivative by one of the arguments, `others` unless `good`."""
-    del others, read
     return in_rows(leaves, [good])
 
 
@@ -61,12 +60,10 @@ def _starts_of_another(good: Array, leaves: list[Array]) -> Iterable[Array]:
 
 
 def _nan(good: Array, leaves: list[Array]) -> Iterable[Array]:
-    del good
     return (jnp.full_like(x, jnp.nan) for x in leaves)
 
 
 def _ones(good: Array, *leaves: Array) -> list[Array]:
-    del good
     return [jnp.ones_like(x) for x in leaves]
 
 

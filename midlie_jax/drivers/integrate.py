@@ -262,7 +262,6 @@ def _side_by_side(
     method: Method, adjoint: Adjoint, body: Any, torque: Any, start: Any, *others: Any, **more: Any
 ) -> int:
     """The number of bodies that a step moves side by side; few bodies are moved number by number, like one."""
-    del method, adjoint, body, torque, others, more
     return start.count if start.several and start.count > budgets.UNROLLED_BODIES else 1
 
 

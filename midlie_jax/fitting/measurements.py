@@ -104,7 +104,6 @@ class Measurement(eqx.Module):
 
     def of_run(self, torque: TorqueLike | None) -> "Measurement":
         """The measurement for a run under this torque; by default, itself."""
-        del torque
         return self
 
     @property
@@ -114,7 +113,6 @@ class Measurement(eqx.Module):
 
     def eliminated(self, residuals: Array, loss: Loss | None) -> tuple[Float[Array, " r"], Float[Array, " linear"]]:
         """The residuals (r,) at the best values of the linear unknowns, and these values."""
-        del loss
         return residuals, jnp.zeros(0, residuals.dtype)
 
     def residuals(self, parameters: Any, body: Any, states: AnyState) -> Float[Array, " r"]:

@@ -90,7 +90,6 @@ class Method(eqx.Module):
 
     def loops_for(self, system: System) -> bool:
         """Whether a step of this system contains a loop over stages or a solver loop."""
-        del system
         return self.solves > 0
 
     def is_one_loop(self, system: System) -> bool:
@@ -113,7 +112,6 @@ class Method(eqx.Module):
 
     def stability_limit(self, direction: complex) -> float:
         """The largest stable h |lambda| if disturbances grow as exp(lambda t); `direction` is lambda / |lambda|."""
-        del direction
         return math.inf
 
     def moves(self, body: Body) -> bool:
@@ -131,7 +129,6 @@ class Method(eqx.Module):
         Raises:
             ValueError: the moments are concrete, and the method does not support them.
         """
-        del body
         return self
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
@@ -139,7 +136,6 @@ class Method(eqx.Module):
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
         """The system of a run: `System.of`, with the bath of the torque if there is one."""
-        del h
         return System.of(body, torque, start, t)
 
     @abstractmethod
@@ -171,7 +167,6 @@ class Method(eqx.Module):
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
         """`step`, for its derivative only, after `step_back`, whose last result is `known`, took it back."""
-        del known
         return self.step(system, t0, t1, h, motion, force)
 
     def advance(

@@ -157,7 +157,6 @@ class Brownian(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del force
         motion, first = _diffused(system, t0, h, motion, 0)
         middle, _ = _driven(system, t0, h / 2, h, motion, motion)
         motion, turn = _driven(system, t0 + h / 2, h, h, middle, motion)

@@ -37,7 +37,6 @@ class Implicit(Method):
 
     def stability_limit(self, direction: complex) -> float:
         """2: above, the equation of a step may have several solutions (`tests/test_limits.py`), and NMB is unstable."""
-        del direction
         return 2.0
 
     @property
@@ -75,7 +74,6 @@ class _TorqueHalfWay(Implicit):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
     ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
-        del t1, force
         inertia: Inertia = system.inertia
         double = cp.scale(2, inertia.relative)
 
@@ -245,7 +243,6 @@ class ImplicitMidpoint(Implicit):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Array, Array], force: Any
     ) -> tuple[Motion[Array, Array], Any, Array | bool]:
-        del t1, force
         start, position = motion.momentum, motion.pose
 
         def travel(mean: Array) -> Array:

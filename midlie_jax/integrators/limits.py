@@ -72,11 +72,9 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
     z = x * direction
 
     def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
-        del time
         return Motion(part * z * motion.momentum, ())
 
     def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
-        del evaluations
         return fresh, older, False
 
     change = formula.change(rates, pause, Motion(np.ones_like(z), ()))

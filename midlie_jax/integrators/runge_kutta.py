@@ -80,7 +80,6 @@ class RungeKutta(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del force
 
         def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
             known = isinstance(part, float)  # in a loop they are traced, and the time is not at an end of the step

@@ -283,7 +283,6 @@ def pendulums(
         return motion[0], motion[1] + a * h * motion[0] / _MASSES
 
     def kick(b: float, c: float, motion: Any, force: Any) -> Any:
-        del c
         return motion[0] + b * h * force, motion[1]
 
     def force_at(u: Any) -> Any:
@@ -291,7 +290,6 @@ def pendulums(
         return -np.sin(u) - np.array([pull, -pull])
 
     def evaluate(c: float, g: float, motion: Any) -> Any:
-        del c
         u = motion[1]
         force = force_at(u)
         if not g:

@@ -53,7 +53,6 @@ class Circle(NamedTuple):
 
     def at(self, t: Array, turns: bool) -> tuple[cp.Vector, Swing, Array]:
         """The momentum, the rotation in the time t, and whether rounding leaves digits of its angle."""
-        del turns
         half = self.rate * t / 2
         sine, one = jnp.sin(half), jnp.ones_like(half)
         swing = Swing(self.about, one, 2 * sine * jnp.cos(half), 2 * sine * sine)

@@ -65,7 +65,6 @@ class Flight(eqx.Module):
         Raises:
             ValueError: the numbers of the body are concrete, and the flight does not support this body.
         """
-        del body
         return self
 
     @property

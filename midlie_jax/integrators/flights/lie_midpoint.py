@@ -71,7 +71,6 @@ class LieMidpoint(JudgedFlight):
 @jax.custom_jvp
 def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) -> tuple[cp.Vector, Array]:
     """The root u, with derivatives of any order by the implicit function theorem, and `converged` unchanged."""
-    del quadruple, y
     return u, converged
 
 
