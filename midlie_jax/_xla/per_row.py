@@ -42,7 +42,7 @@ def _jvp(primals: Any, tangents: Any, *, count: int, moved: int) -> tuple[list[A
     return _of_rows.bind(*primals, count=count, moved=moved), list(tangents[moved : moved + count])
 
 
-# The first `count` values; their tangents are those of the values `moved` places later.
+# The first `count` values, with the tangents of the values `moved` places later.
 _of_rows = make_primitive(
     "of_rows",
     default=_first,

@@ -99,7 +99,7 @@ class Turning(NamedTuple):
     def _chi(
         self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion
     ) -> tuple[cp.Vector, Functions]:
-        """The chi of the two rotations and the tangents of the functions, from those of b and of the momentum."""
+        """The chi of the two rotations and the tangents of the functions, from the tangents of b and the momentum."""
         turn = cp.scale(self.h * self.spin, self.scaled)
         change = cp.scale(self.h * self.spin * self.per_unit, start)
         rate = None if changes.h is None else changes.h * self.spin
