@@ -73,8 +73,8 @@ class Traced(eqx.Module):
     """A function from its trace, with its arrays and the traced arrays that it closes over as leaves.
 
     A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
-    cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would be
-    computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a thousand
+    cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would
+    be computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a thousand
     times the time of the value. The arrays in `given` are the same for all calls within a step.
     """
 

@@ -284,11 +284,11 @@ def _run(
             # Blocks of steps, until the next step of every body is zero.
             size = max(n for n in range(1, budgets.CHECKED_STEPS + 1) if every % n == 0)
             first = jnp.array(0, jnp.int32), carry
-            _, carry = jax.lax.while_loop(
+            carry = jax.lax.while_loop(
                 lambda state: (state[0] < every // size) & (state[1][1].h != 0),
                 lambda state: (state[0] + 1, take_steps(state[1], size)),
                 first,
-            )
+            )[1]
         progress, clock = carry
         state = system.state(progress.motion)
         seen = observe_state(observe, clock.t, state, body, torque)

@@ -52,7 +52,7 @@ class Changes(NamedTuple):
 
     @classmethod
     def of(cls, inertia: Inertia, inertia_tangent: Any, h: Any, momentum: Any) -> "Changes":
-        """The changes; tangents may be symbolic zeros. Of `Inertia` only the inverse moments count."""
+        """The changes; tangents may be symbolic zeros. Only the inverse moments of `Inertia` count."""
         inverses, spins = inertia_tangent.inverses, None
         if not all(map(is_zero, inverses)):
             spins = cp.scale(cp.largest(inertia.moments), with_zeros(inverses, inertia.inverses))
