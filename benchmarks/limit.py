@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from midlie_jax._math import components, short_series, weierstrass
 from midlie_jax.integrators.flights import jacobi, lie_midpoint
-from midlie_jax.integrators.tableau import DOP853
+from midlie_jax.integrators.formulas import DOP853
 
 SOURCES = tuple(Path(__file__).parent.glob("limit*.[ch]*"))
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=gnu11", "-Wno-psabi")

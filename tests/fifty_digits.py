@@ -133,7 +133,7 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "bitcast_convert_type": lambda x, new_dtype: _elementwise(partial(_bits, dtype=new_dtype))(x),
 }
 _CALLS = {"jit": "jaxpr", "remat2": "jaxpr", "custom_jvp_call": "call_jaxpr"}
-_AS_IT_IS = {"fuse", "name", "stop_gradient", "in_rows", "with_tangents"}  # the first operands are the results
+_AS_IT_IS = {"fuse", "name", "stop_gradient", "of_rows"}  # the first operands are the results
 
 
 def _scan(body: Callable[..., list[Any]], count: int, carried: int, order: range, *values: Any) -> list[Any]:

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
-from midlie_jax.integrators.schemes import SCHEMES
-from midlie_jax.integrators.stages import BATH
+from midlie_jax.integrators.schemes import BATH, SCHEMES
 from midlie_jax.model.baths.with_bath import WithBath
 
 torques, orbits = ml.torques, ml.orbits

@@ -11,7 +11,7 @@ from diffrax_cases import ARGS, BODY, DT, FROM, STEPS, T0, TERM, solve, start
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.diffrax.interpolation import LARGEST_TURN
+from midlie_jax.diffrax.dense import LARGEST_TURN
 
 INSIDE = np.linspace(0.05, 0.95, 7)
 

@@ -15,8 +15,7 @@ from scipy.linalg import expm
 import midlie_jax as ml
 from midlie_jax._xla import compiler
 from midlie_jax.integrators import schemes
-from midlie_jax.integrators.scheme_order import measured_weak_order
-from midlie_jax.integrators.stages import BATH, FLIGHT, KICK
+from midlie_jax.integrators.schemes import BATH, FLIGHT, KICK, measured_weak_order
 from midlie_jax.model.exposure import exposures
 
 KT, FRICTION, KEY = 0.7, 1.3, jax.random.key(7)

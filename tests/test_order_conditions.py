@@ -15,8 +15,8 @@ from midlie_jax.integrators import rkn8, schemes
 DIGITS = 60
 TABLES = [name for name, s in schemes.SCHEMES.items() if not s.gradients and not s.random]
 PRECISE = {
-    "RKN8": (rkn8.RKN8_FLIGHTS, rkn8.RKN8_KICKS),
-    "RKN8G": (rkn8.RKN8G_FLIGHTS, rkn8.RKN8G_KICKS),
+    "RKN8": (rkn8.RKN8_FLIGHTS.split(), rkn8.RKN8_KICKS.split()),
+    "RKN8G": (rkn8.RKN8G_FLIGHTS.split(), rkn8.RKN8G_KICKS.split()),
 }
 
 

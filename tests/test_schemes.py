@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
 from midlie_jax.integrators import schemes
-from midlie_jax.integrators.scheme_order import pendulums
+from midlie_jax.integrators.scheme import pendulums
 
 
 def truth():

@@ -15,7 +15,7 @@ from midlie_jax._math.weierstrass import moment_functions, sigma_functions
 from midlie_jax.integrators import flights
 from midlie_jax.integrators.flights import jacobi
 from midlie_jax.integrators.flights.exact import ExactFlight, Known
-from midlie_jax.integrators.flights.jacobi_momentum import lag
+from midlie_jax.integrators.flights.jacobi import lag
 from midlie_jax.model.kind import Kind
 from midlie_jax.model.states.rigid import Rotation
 

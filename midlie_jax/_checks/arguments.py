@@ -107,9 +107,7 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
     if callable(value):
         require_function(name, value, "t")
         return cast(Callable[[Any], Array], value)
-    array = as_floats(name, value, (3,))
-    require_finite(name, array)
-    return array
+    return as_finite(name, value, (3,))
 
 
 def vector_at(name: str, value: Any, t: Any) -> Array:
@@ -225,16 +223,11 @@ def require_finite(name: str, value: Any) -> None:
 
 
 def require_resolved(name: str, times: Any, dtype: Any, start: Any = None) -> None:
-    """Raises if the dtype cannot distinguish the times, because they are far from zero and close to each other.
+    """Raises if the dtype cannot distinguish the times (and the time `start`), which are far from zero and close to
+    each other.
 
     Half of the intervals between two different times must be at least `LEAST_ULPS` units in the last place of the later
     time. Times that start at zero are therefore valid, because each is rounded relative to itself.
-
-    Args:
-        name: for the message.
-        times: (n,), as given by the user, before rounding to the dtype.
-        dtype: the dtype in which they are used.
-        start: one more time, or None.
     """
     if is_traced(times, start):
         return

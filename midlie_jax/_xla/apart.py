@@ -4,11 +4,10 @@ A force on many bodies must not be fused with the step around it. XLA would repe
 that reads them (the step of two molecules then takes 7000 times longer). XLA's CPU compiler drops an
 `optimization_barrier` before it fuses, but it never fuses across the border of a conditional. On CPUs the function is
 therefore one branch of a conditional whose predicate no compiler can evaluate: whether the time is a number. Under
-`jax.vmap` the predicate is whether any of the times is a number, because a conditional with one predicate per row
-becomes a select, which is fused like everything else.
+`jax.vmap` it is whether any of the times is one, because a conditional with one predicate per row becomes a select.
 
-Compilers for accelerators keep a barrier, but there a conditional would wait for its predicate. On other platforms than
-the CPU the predicate is therefore the constant True, and the function stands between two barriers.
+Compilers for accelerators keep a barrier. There the predicate is the constant True, and the function stands between two
+barriers.
 """
 
 from collections.abc import Callable
@@ -19,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .fusion import barrier
-from .internals import make_predicate
+from .internals import ShapedArray, make_primitive
 
 
 def apart(function: Callable[..., Any], t: Array, *arguments: Any) -> Any:
@@ -29,7 +28,14 @@ def apart(function: Callable[..., Any], t: Array, *arguments: Any) -> Any:
         shapes = jax.eval_shape(function, t, *arguments)
         return jax.tree.map(lambda x: jnp.full(x.shape, jnp.nan, x.dtype), shapes)
 
-    return barrier(jax.lax.cond(_is_time(t), function, nothing, t, *barrier(arguments)))
+    (is_time,) = _is_time.bind(jax.lax.stop_gradient(t))
+    return barrier(jax.lax.cond(is_time, function, nothing, t, *barrier(arguments)))
 
 
-_is_time = make_predicate("is_time", default=jnp.ones_like, on_cpu=lambda t: t == t)
+_is_time = make_primitive(
+    "is_time",
+    default=lambda t: [jnp.any(jnp.ones_like(t).astype(bool))],
+    on_cpu=lambda t: [jnp.any(t == t)],
+    batch=lambda values, axes: (_is_time.bind(*values), [None]),
+    outputs=lambda types: [ShapedArray((), jnp.bool_)],
+)

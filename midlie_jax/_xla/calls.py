@@ -30,12 +30,7 @@ Columns = dict[tuple[int, ...], Any]  # results of one operation in several call
 
 
 def perform(operations: Sequence[Operation], values: dict[int, Any]) -> Columns:
-    """Performs operations and adds their results to the values.
-
-    Args:
-        operations: each after the operations whose results it reads.
-        values: by their numbers, all values that the operations read and none of them computes.
-    """
+    """Performs operations, each after those whose results it reads, and adds their results to the values."""
     columns: Columns = {}
     for alike in _in_order(operations):
         with context_of(alike[0].equation):
@@ -61,10 +56,7 @@ def packed(numbers: Sequence[int], values: dict[int, Any], columns: Columns) -> 
 
 
 def _in_order(operations: Sequence[Operation]) -> Iterator[list[Operation]]:
-    """The operations, each after the operations whose results it reads.
-
-    Operations of one equation, and calls of one function, are grouped where possible.
-    """
+    """The operations, each after those whose results it reads; equal equations and calls are grouped where possible."""
     groups: dict[Any, list[Operation]] = {}
     for operation in operations:
         function = body_of(operation.equation) or operation.equation

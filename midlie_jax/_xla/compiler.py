@@ -48,10 +48,7 @@ def compiler_options(bodies: int) -> dict[str, Any]:
 
 
 def vector_width_options() -> dict[str, Any]:
-    """Only the option for wide vectors, which speeds up other programs as well; the other option may slow them down.
-
-    It is also empty if the processor has no AVX-512, or if XLA_FLAGS already sets the width.
-    """
+    """Only the option for wide vectors, which speeds up other programs as well; the other option may slow them down."""
     wide = on_cpu() and _WIDTH not in os.environ.get("XLA_FLAGS", "") and _has_avx512()
     return {_WIDTH: 512} if wide else {}
 
@@ -64,14 +61,7 @@ def _has_avx512() -> bool:
         return False
 
 
-def _one(*args: Any, **kwargs: Any) -> int:
-    del args, kwargs
-    return 1
-
-
 class _Number:
-    """A Python number among the arguments of a program; equal only to numbers of the same type and digits."""
-
     def __init__(self, value: Any):
         self.value, self._kind = value, kind_of(value)
 
@@ -85,8 +75,7 @@ class _Number:
 def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """`equinox.filter_jit` that distinguishes equal Python numbers, such as 0.0 and -0.0, or 1 and True.
 
-    They can be attributes of a user's torque. `filter_jit` compares with `==`, so the second of two such torques would
-    get the program of the first.
+    They can be attributes of a user's torque; the second of two such torques would get the program of the first.
     """
     jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 
@@ -111,15 +100,12 @@ def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     return call
 
 
-def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Callable[P, R]:
+def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = lambda *args, **kwargs: 1) -> Callable[P, R]:
     """`exact_jit`, with `compiler_options` if the program is outermost, also under `jax.vmap`.
 
     An outermost call finds its program by the structure of its arguments and passes only the arrays, in a fraction of
-    the time of `exact_jit`. Inside another `jax.jit`, a derivative or a `jax.shard_map` the options are left out.
-
-    Args:
-        function: the function to compile.
-        bodies: returns the number of bodies from the same arguments; the axes of `jax.vmap` are counted in addition.
+    the time of `exact_jit`. `bodies` returns the number of bodies from the arguments; axes of `jax.vmap` are counted in
+    addition.
     """
     plain = exact_jit(function)
     tuned = cache(lambda options: exact_jit(function, compiler_options=dict(options)))

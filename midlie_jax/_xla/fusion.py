@@ -86,18 +86,13 @@ def split(tree: T) -> T:
 def cut(tree: T) -> T:
     """`split` that works on an accelerator as well; the rest is a separate kernel there.
 
-    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary, each of
-    which writes many intermediate results to memory.
+    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary.
     """
     return _bind(tree, _CUT)
 
 
 def fuse_derivative(tree: T) -> T:
-    """`split` in a derivative; it compiles to nothing in the step itself.
-
-    The step remains one loop; its derivative, which is several times larger, is split at this place, so that the
-    compiler can handle each loop.
-    """
+    """`split` in a derivative, which is several times larger than the step; nothing in the step itself."""
     return _bind(tree, _DERIVATIVE)
 
 
@@ -122,7 +117,6 @@ def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
     A solve that ends with `split` is therefore not repeated, as it would be without a policy. Without a checkpoint,
     each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
-    del types
     return primitive is _fuse and _reduces(parameters["use"])
 
 
@@ -140,7 +134,6 @@ def _is_number(leaf: Any) -> bool:
 
 
 def _fuse_where(leaves: Sequence[Any], condition: Callable[[Any], bool], use: str) -> list[Any]:
-    """Fuses the leaves for which the condition holds; the others are returned unchanged."""
     result = list(leaves)
     positions = [i for i, leaf in enumerate(leaves) if condition(leaf)]
     if positions:
@@ -197,7 +190,6 @@ def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]
 
 
 def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:
-    del primals
     if use in (_FUSE, _FUSE_STEP):  # the cotangents of a step enter here
         return list(cotangents)
     return _fuse_where(cotangents, _is_nonzero, _COTANGENTS.get(use, use))

@@ -24,10 +24,8 @@ _SCAN, _FUSE = "scan", "fuse"
 def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -> "Hoisted | None":
     """Splits a traced function; None if nothing is worth preparing.
 
-    Args:
-        closed: the function.
-        known: for each input, whether it is available when values are prepared.
-        varying: for each input, whether it changes from step to step.
+    For each input, `known` says whether it is available when values are prepared, `varying` whether it changes from
+    step to step.
     """
     if closed.effects:
         return None
@@ -44,11 +42,8 @@ def _is_slow(equation: Any) -> bool:
 
 
 def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bool, bool]:
-    """Dependence on the marked inputs of a traced function.
-
-    Returns:
-        For each output, whether it depends on them; whether an operation that XLA counts as expensive does; whether a
-        slow operation (`_is_slow`) does not.
+    """For each output of a traced function, whether it depends on the marked inputs; whether an operation that XLA
+    counts as expensive does; whether a slow operation (`_is_slow`) does not.
     """
     values = dict(zip(closed.jaxpr.invars, marked, strict=True))
     within = without = False
@@ -70,12 +65,7 @@ def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bo
 
 
 class Hoisted:
-    """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs).
-
-    Attributes:
-        prepared: the numbers of the prepared values.
-        loops: the splits of loops with their own prepared values, by the position of the operation.
-    """
+    """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs)."""
 
     def __init__(self, closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]):
         self._operations: list[Operation] = []
@@ -115,10 +105,7 @@ class Hoisted:
         return number
 
     def _flatten(self, closed: ClosedJaxpr, inputs: Iterable[int]) -> list[int]:
-        """Lists and classifies the operations, and returns the outputs.
-
-        The operations of a plain `jit` call replace the call, unless all its operands are known.
-        """
+        """Lists and classifies the operations; calls of `jit` with unknown operands become their operations."""
         numbers = dict(zip(closed.jaxpr.invars, inputs, strict=True))
         numbers |= {
             variable: self._constant(c) for variable, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)
@@ -157,7 +144,6 @@ class Hoisted:
                 self.loops[position] = loop
 
     def _split_loop(self, equation: Any, inputs: list[int]) -> "Hoisted | None":
-        """The split of one iteration of a loop, whose carry is not known."""
         counts = loop_counts(equation)
         if counts is None:
             return None
@@ -167,7 +153,6 @@ class Hoisted:
         return split if split.worthwhile else None
 
     def _read_by_step(self, operation: Operation) -> list[int]:
-        """The inputs of an operation that the step still performs."""
         if operation.equation.primitive.name == _FUSE:
             return [i for i in operation.inputs if not self._known[i]]
         return [] if all(self._prepares[o] for o in operation.outputs) else operation.inputs

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
-from jax import Array
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
 from jax.core import eval_jaxpr
@@ -49,7 +48,6 @@ def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
 
 
 def run_program(closed: ClosedJaxpr, constants: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
-    """The outputs of a traced function, with these arrays in place of the constants of its trace."""
     return eval_jaxpr(closed.jaxpr, constants, *arguments)
 
 
@@ -60,7 +58,6 @@ def used_inputs(closed: ClosedJaxpr) -> list[bool]:
 
 
 def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
-    """The results of the operation of an equation, applied to these operands."""
     primitive = equation.primitive
     results = primitive.bind(*operands, **primitive.get_bind_params(equation.params))
     return list(results) if primitive.multiple_results else [results]
@@ -78,12 +75,10 @@ def loop_counts(equation: Any) -> tuple[int, int] | None:
 
 
 def context_of(equation: Any) -> Any:
-    """A context manager for the settings under which an equation was traced."""
     return equation.ctx.manager
 
 
 def is_zero_tangent(tangent: Any) -> bool:
-    """Whether a tangent or cotangent is JAX's symbol for zero."""
     return isinstance(tangent, ad.Zero)
 
 
@@ -92,56 +87,21 @@ def make_primitive(
     *,
     default: Callable[..., Any],
     on_cpu: Callable[..., Any],
-    jvp: Callable[..., Any],
-    transpose: Callable[..., Any],
     batch: Callable[..., Any],
+    jvp: Callable[..., Any] | None = None,
+    transpose: Callable[..., Any] | None = None,
     outputs: Callable[..., Any] = lambda types, **parameters: types,
 ) -> Primitive:
-    """A primitive with many outputs, by default of the types of its inputs.
-
-    Args:
-        name: the name of the primitive.
-        default, on_cpu: functions of the inputs that compute the outputs, on other platforms and on CPUs.
-        jvp, transpose, batch: rules, in the form that JAX expects.
-        outputs: the types of the outputs, from the list of the types of the inputs and the parameters.
-    """
+    """A primitive with many outputs, by default of the types of its inputs; the rules are as JAX expects them."""
     primitive = Primitive(name)
     primitive.multiple_results = True
     primitive.def_impl(default)
     primitive.def_abstract_eval(lambda *types, **parameters: list(outputs(types, **parameters)))
-    ad.primitive_jvps[primitive] = jvp
-    ad.primitive_transposes[primitive] = transpose
+    if jvp is not None:
+        ad.primitive_jvps[primitive] = jvp
+    if transpose is not None:
+        ad.primitive_transposes[primitive] = transpose
     batching.primitive_batchers[primitive] = batch
     mlir.register_lowering(primitive, mlir.lower_fun(default, multiple_results=True))
     mlir.register_lowering(primitive, mlir.lower_fun(on_cpu, multiple_results=True), platform="cpu")
     return primitive
-
-
-def make_predicate(
-    name: str, *, default: Callable[..., Array], on_cpu: Callable[..., Array]
-) -> Callable[[Array], Array]:
-    """A primitive of one number with one boolean result; under `jax.vmap`, whether it holds in any row.
-
-    Args:
-        name: the name of the primitive.
-        default, on_cpu: functions of the number, on other platforms and on CPUs.
-    """
-    primitive = Primitive(name)
-
-    def compute(function: Callable[..., Array]) -> Callable[..., Array]:
-        return lambda x: jax.numpy.any(function(x).astype(bool))
-
-    def batched(values: Any, axes: Any) -> tuple[Array, Any]:
-        del axes
-        return primitive.bind(*values), None
-
-    primitive.def_impl(compute(default))
-    primitive.def_abstract_eval(lambda x: ShapedArray((), jax.numpy.bool_))
-    ad.primitive_jvps[primitive] = lambda primals, tangents: (
-        primitive.bind(*primals),
-        ad.Zero(ShapedArray((), jax.dtypes.float0)),
-    )
-    batching.primitive_batchers[primitive] = batched
-    mlir.register_lowering(primitive, mlir.lower_fun(compute(default), multiple_results=False))
-    mlir.register_lowering(primitive, mlir.lower_fun(compute(on_cpu), multiple_results=False), platform="cpu")
-    return primitive.bind

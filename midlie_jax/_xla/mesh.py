@@ -58,9 +58,7 @@ def all_promoted(tree: Any, axes: Axes) -> Any:
 def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
     """The axes along which any array used by a run varies, including arrays that its functions close over.
 
-    Args:
-        arguments: a pytree.
-        calls: tuples of a function, or None, and the arguments with which it will be called.
+    A call is a tuple of a function, or None, and the arguments with which it will be called.
     """
     if not jax.sharding.get_abstract_mesh().manual_axes:
         return NONE

@@ -48,12 +48,10 @@ def _pad(operands: list[Places], parameters: Any, shape: Shape) -> Places:
 
 
 def _split(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
-    del shape
     return list(np.split(operands[0], np.cumsum(parameters["sizes"])[:-1], axis=parameters["axis"]))
 
 
 def _unstack(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
-    del shape
     return [np.asarray(part) for part in np.moveaxis(operands[0], parameters["axis"], 0)]
 
 
@@ -67,19 +65,16 @@ def _window(source: Places, starts: list[Any], shape: Shape) -> tuple[slice, ...
 
 
 def _dynamic_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
-    del parameters
     return operands[0][_window(operands[0], indices, shape)]
 
 
 def _dynamic_update_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
-    del parameters, shape
     result = operands[0].copy()
     result[_window(result, indices, operands[1].shape)] = operands[1]
     return result
 
 
 def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places | None:
-    del shape
     # Entries are numbered from 1; an out-of-bounds index reads the fill value 0.
     numbers = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
     with jax.ensure_compile_time_eval():
@@ -89,7 +84,6 @@ def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape)
 
 
 def _scatter(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
-    del shape
     with jax.ensure_compile_time_eval():
         source, update = (jnp.asarray(operands[i].astype(np.int32)) for i in (0, 2))
         return np.asarray(jax.lax.scatter_p.bind(source, jnp.asarray(indices[0]), update, **parameters))

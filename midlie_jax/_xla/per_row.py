@@ -8,76 +8,46 @@ by row, and the sum over the rows is taken where the copy was made, before the l
 """
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 
 from .internals import make_primitive
 
-T = TypeVar("T")
-
 
 def in_rows(arrays: Sequence[Array], like: Sequence[Array]) -> list[Array]:
     """The arrays with their values unchanged; under `jax.vmap` each has rows if one of the arrays or of `like` has."""
-    return _in_rows.bind(*arrays, *like, count=len(arrays)) if arrays else []
+    return _of_rows.bind(*arrays, *like, count=len(arrays), moved=0) if arrays else []
 
 
 def with_tangents_of(copies: Sequence[Array], arrays: Sequence[Array]) -> list[Array]:
     """The arrays with their values unchanged; derivatives are taken with respect to the copies, which are not read."""
-    return _with_tangents.bind(*arrays, *copies) if arrays else []
+    return _of_rows.bind(*arrays, *copies, count=len(arrays), moved=len(arrays)) if arrays else []
 
 
-def _batched(values: Sequence[Array], axes: Sequence[int | None]) -> list[Array]:
-    """The values with the axis of rows first, repeated if they have none."""
-    pairs = list(zip(values, axes, strict=True))
-    size = next(value.shape[axis] for value, axis in pairs if axis is not None)
-    return [jnp.broadcast_to(v, (size, *v.shape)) if a is None else jnp.moveaxis(v, a, 0) for v, a in pairs]
-
-
-def _first(*values: Array, count: int) -> list[Array]:
+def _first(*values: Array, count: int, moved: int) -> list[Array]:
     return list(values[:count])
 
 
-def _batch_in_rows(values: Any, axes: Any, *, count: int) -> tuple[list[Array], list[int]]:
-    return _in_rows.bind(*_batched(values, axes), count=count), [0] * count
+def _batch(values: Any, axes: Any, *, count: int, moved: int) -> tuple[list[Array], list[int]]:
+    """The axis of rows is first; values without rows are repeated."""
+    pairs = list(zip(values, axes, strict=True))
+    size = next(value.shape[axis] for value, axis in pairs if axis is not None)
+    rows = [jnp.broadcast_to(v, (size, *v.shape)) if a is None else jnp.moveaxis(v, a, 0) for v, a in pairs]
+    return _of_rows.bind(*rows, count=count, moved=moved), [0] * count
 
 
-def _jvp_in_rows(primals: Any, tangents: Any, *, count: int) -> tuple[list[Array], list[Any]]:
-    return _in_rows.bind(*primals, count=count), list(tangents[:count])
+def _jvp(primals: Any, tangents: Any, *, count: int, moved: int) -> tuple[list[Array], list[Any]]:
+    return _of_rows.bind(*primals, count=count, moved=moved), list(tangents[moved : moved + count])
 
 
-def _first_half(*values: Array) -> list[Array]:
-    return list(values[: len(values) // 2])
-
-
-def _batch_with_tangents(values: Any, axes: Any) -> tuple[list[Array], list[int]]:
-    return _with_tangents.bind(*_batched(values, axes)), [0] * (len(values) // 2)
-
-
-def _jvp_with_tangents(primals: Any, tangents: Any) -> tuple[list[Array], list[Any]]:
-    return _with_tangents.bind(*primals), list(tangents[len(primals) // 2 :])
-
-
-def _no_transpose(cotangents: Any, *primals: Any, **parameters: Any) -> Any:
-    raise AssertionError("tangents do not pass through this primitive")
-
-
-_in_rows = make_primitive(
-    "in_rows",
+# The first `count` values, with the tangents of the values `moved` places later.
+_of_rows = make_primitive(
+    "of_rows",
     default=_first,
     on_cpu=_first,
-    jvp=_jvp_in_rows,
-    transpose=_no_transpose,
-    batch=_batch_in_rows,
-    outputs=lambda types, count: types[:count],
-)
-_with_tangents = make_primitive(
-    "with_tangents",
-    default=_first_half,
-    on_cpu=_first_half,
-    jvp=_jvp_with_tangents,
-    transpose=_no_transpose,
-    batch=_batch_with_tangents,
-    outputs=lambda types: types[: len(types) // 2],
+    jvp=_jvp,
+    batch=_batch,
+    outputs=lambda types, count, moved: types[:count],
 )

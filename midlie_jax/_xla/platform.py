@@ -7,11 +7,7 @@ import jax
 
 
 def on_cpu() -> bool:
-    """Whether programs run on the CPU, unless their arguments are placed elsewhere.
-
-    `jax.default_device` decides if it is set, otherwise the platform that JAX prefers. The answer affects only the
-    speed of a program.
-    """
+    """Whether programs run on the CPU, unless their arguments are placed elsewhere; affects only speed."""
     config: Any = jax.config  # its annotations lack the option
     device = config.jax_default_device
     return (device if isinstance(device, str) else getattr(device, "platform", jax.default_backend())) == "cpu"

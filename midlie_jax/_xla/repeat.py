@@ -1,8 +1,7 @@
 """`repeat`: applies a step to each body of a batch, with a number of repetitions per body.
 
-A loop of fixed length would take the largest number of steps that any body can need. A loop that ends with the last
-body of the batch has no reverse derivative. Values therefore come from the second loop and derivatives from the first.
-In both, a body that has taken its steps does not change, so both give the same values.
+A loop that ends with the last body of the batch has no reverse derivative. Values therefore come from such a loop, and
+derivatives from a loop of fixed length. In both, a body that has taken its steps does not change.
 """
 
 from collections.abc import Callable
@@ -20,13 +19,9 @@ Step = Callable[[Any, Any], Any]
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def repeat(step: Step, most: int, constants: Any, carry: Any, count: Array) -> Any:
-    """The result of `count` times carry = step(constants, carry).
+    """The result of `count` times carry = step(constants, carry), on pytrees of scalars.
 
-    Args:
-        step: a function that closes over no arrays. It is compiled to one loop over the bodies.
-        most: the largest count; a derivative takes this number of steps.
-        constants, carry: pytrees of scalars.
-        count: (), of integers.
+    The step closes over no arrays, and is compiled to one loop over the bodies. A derivative takes `most` steps.
     """
     last = _largest(count)
 
@@ -62,5 +57,4 @@ def _largest(count: Array) -> Array:
 
 @_largest.def_vmap
 def _largest_of_batch(size: int, batched: list[bool], count: Array) -> tuple[Array, bool]:
-    del size, batched
     return _largest(jnp.max(count, axis=0, initial=0)), False

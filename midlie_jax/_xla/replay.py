@@ -44,10 +44,10 @@ class Traits(NamedTuple):
 
     Attributes:
         costly: whether it contains an operation that XLA treats as expensive or that has no rule.
-        operations: number of operations; an operation on arrays counts as one.
-        scalars: number of operations on scalars in its replay.
+        operations, scalars: number of operations, where one on arrays counts as one, and of operations on scalars in
+            its replay.
         on_scalars: whether it can be replayed completely on scalars.
-        reads: the arguments, with True for each leaf on which the result depends and False for the others.
+        reads: the arguments, with True for each leaf on which the result depends.
     """
 
     costly: bool
@@ -73,13 +73,9 @@ class Traced(eqx.Module):
     """A function from its trace, with its arrays and the traced arrays that it closes over as leaves.
 
     A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
-    the cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array
-    would be computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a
-    thousand times the time of the value.
-
-    Attributes:
-        constants: the arrays, each as it is or by its entries.
-        given: further arrays, the same for all calls within a step, likewise.
+    cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would
+    be computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a thousand
+    times the time of the value. The arrays in `given` are the same for all calls within a step.
     """
 
     constants: list[Any]
@@ -119,7 +115,6 @@ class Traced(eqx.Module):
         return arrays if self._program.on_arrays else list(map(_Spread.of, arrays))
 
     def takes(self, *arguments: Any) -> bool:
-        """Whether the arguments have the types of the trace."""
         return _types(arguments) == self._program.types
 
     def __call__(self, *arguments: Any) -> Any:
@@ -170,12 +165,9 @@ def _scalars(array: Array) -> list[Array]:
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
     """Whether a function is evaluated on arrays: few operations on arrays give many on scalars, as in a network.
 
-    The limits come from `benchmarks/networks.py`. The reverse derivative of 1000 bodies under a network of width 2,
-    with 47 operations on scalars and a ratio of 6 per operation on arrays, took 10 s to compile on scalars and 5 s on
-    arrays. With width 1 and 23 operations, both took equally long. Torques of the scenes have ratios of 1 to 1.3, and a
-    formula with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has a ratio of up to 3, so it
-    stays on scalars unless it is long. A long formula written entry by entry stays as well, because on arrays XLA would
-    evaluate nested stacks many times.
+    The limits come from `benchmarks/networks.py`. Torques of the scenes have ratios of 1 to 1.3. A function of vectors
+    has a ratio of up to 3, so it stays on scalars unless it is long. A long formula written entry by entry stays as
+    well, because on arrays XLA would evaluate nested stacks many times.
     """
     scalars, arrays = count_scalar_operations(closed)
     return any(scalars > least and scalars > entries * arrays for least, entries in budgets.ON_ARRAYS)
@@ -198,27 +190,17 @@ def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:
 
 
 class Packed(NamedTuple):
-    """A vector represented by its entries."""
-
     entries: tuple[Array, ...]
 
 
 class _Entries(NamedTuple):
-    """A small array represented by the positions of its entries in the pool."""
-
     places: np.ndarray
 
 
 def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: bool = False) -> tuple[Any, Any]:
-    """Evaluates a function of arrays on arguments whose vectors are represented by their entries.
+    """Evaluates a function of arrays on pytrees of scalars and `Packed` vectors; `on_scalars` for any number of them.
 
-    Args:
-        function: returns a pytree of arrays.
-        arguments: pytrees of scalars and `Packed` vectors; the function receives the latter as arrays.
-        on_scalars: whether it is evaluated on scalars, for any number of them.
-
-    Returns:
-        The result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
+    Returns its result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
     """
     pool = Pool()
     leaves, structure = jax.tree.flatten(arguments, is_leaf=lambda x: isinstance(x, Packed))
@@ -253,7 +235,6 @@ def _to_entries_if_small(pool: Pool, value: Any) -> Any:
 
 
 def _to_array(pool: Pool, value: Any, aval: Any) -> Any:
-    """The inverse of `_to_entries_if_small`: the array of type `aval`, for an operation without a rule."""
     if isinstance(value, _Entries):
         scalars = [jnp.asarray(scalar, aval.dtype) for scalar in pool.at(value.places)]
         if not aval.shape:

@@ -1,10 +1,9 @@
 """`sum_over_rows`: a sum over the rows of a table within a step, for example of forces on facets.
 
 On arrays, (rows, bodies) numbers would pass through memory. For one reduction of many operands, XLA's CPU compiler
-computes body after body without vectors: 1000 rows of 10,000 bodies took 11 ms in both dtypes. A loop that adds a block
-of rows per iteration, written out on scalars, is vectorised over the bodies. With 4, 8, 16 and 32 rows in a block it
-took 7.4, 6.2, 5.4 and 5.2 ms in float64 and half of this time in float32, where C takes 4.3 ms. The compilation time
-grows with the block. `benchmarks/surfaces.py` compares a whole step with C.
+computes body after body without vectors. A loop that adds a block of rows per iteration, written out on scalars, is
+vectorised over the bodies, and half as long with 16 rows in a block (`benchmarks/surfaces.py`). The compilation time
+grows with the block.
 """
 
 import operator
@@ -25,17 +24,11 @@ from .mesh import all_promoted, axes_of
 def sum_over_rows(
     term: Callable[[Any, Any], Any], columns: Sequence[Array], argument: Any, tables: Sequence[Array] = ()
 ) -> Any:
-    """The sum over rows of `term(row, argument)`.
+    """The sum over rows of `term(row, argument)`, pytrees of scalars. A reverse derivative recomputes the terms.
 
-    A reverse derivative recomputes the terms and stores none.
-
-    Args:
-        term: returns a pytree of scalars. For a row of zeros, which pads the table, it is zero, and so is its
-            derivative.
-        columns: the columns of the table, (n,) each. Up to 16 rows are written out, and become part of the surrounding
-            loop.
-        argument: a pytree of scalars.
-        tables: arrays (n, K), whose row is the last part of a row, as arrays (K,). They have no derivative.
+    For a row of zeros, which pads the table, term and derivative must be zero. The columns are (n,) each; up to 16 rows
+    are written out, and become part of the surrounding loop. The row of `tables` (n, K), which have no derivative, is
+    the last part of a row, as arrays (K,).
     """
     n = columns[0].shape[0]
     tables = tuple(map(jax.lax.stop_gradient, tables))
@@ -66,8 +59,6 @@ def sum_over_rows(
 
 
 class _Term:
-    """A term without closed-over numbers, as a function of a row and of the argument with these numbers."""
-
     def __init__(self, converted: Callable[..., Any]):
         self.converted = converted
 

@@ -53,8 +53,7 @@ class Rule(NamedTuple):
     """How one primitive is replayed.
 
     Attributes:
-        replay: `replay(pool, equation, operands)` accepts the positions of the operands and returns the positions of
-            the results, or None if the operation must be executed on arrays.
+        replay: maps positions of the operands to positions of the results, or to None if it must be executed on arrays.
         understood: for each supported parameter, a predicate for its supported values.
         cheap: whether XLA's CPU compiler repeats the operation instead of storing its result.
         accepts: whether the rule applies to operands and results with these dtypes.
@@ -117,7 +116,6 @@ def is_on_scalars(equation: Any) -> bool:
 
 
 def count_operations(closed: ClosedJaxpr) -> int:
-    """The number of operations of a traced function, including the `jit` calls in it."""
     bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)
     return sum(1 if body is None else count_operations(body) for _, body in bodies)
 
@@ -125,8 +123,7 @@ def count_operations(closed: ClosedJaxpr) -> int:
 def count_scalar_operations(closed: ClosedJaxpr) -> tuple[int, int]:
     """The number of operations on scalars in the replay of a traced function, and of the operations they replace.
 
-    Operations that move entries are not counted. An operation on an array that is too large to split counts as its
-    number of input and output entries.
+    Moves are not counted. An operation on an array that is too large to split counts as its number of entries.
     """
     scalars = operations = 0
     for equation in closed.jaxpr.eqns:
@@ -255,7 +252,6 @@ def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Pla
 
 
 def _replay_move(move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    del pool
     result = move(operands, equation.params, equation.outvars[0].aval.shape)
     return result if isinstance(result, list) else [result]
 
@@ -274,7 +270,6 @@ def _replay_indexed_move(
 
 
 def _replay_iota(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    del operands
     parameters, aval = equation.params, equation.outvars[0].aval
     positions = np.indices(aval.shape)[parameters["dimension"]].astype(parameters["dtype"])
     return [pool.store(list(positions.flat), aval.shape)]

@@ -34,7 +34,6 @@ def _structure(leaves: list[Any], structure: Any) -> Hashable:
 
 
 def is_array(leaf: Any) -> bool:
-    """Whether a leaf is a JAX array, which may be traced, or a NumPy array."""
     return isinstance(leaf, jax.Array | np.ndarray | np.generic)
 
 
@@ -62,7 +61,6 @@ def once(decide: Callable[..., R], *arguments: Any) -> R:
 
 
 def remember(memory: dict[Any, Any], key: Hashable, value: Any) -> None:
-    """Adds an entry; the oldest one is removed if the cache is full."""
     if len(memory) >= _KEPT:
         memory.pop(next(iter(memory)))
     memory[key] = value

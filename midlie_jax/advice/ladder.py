@@ -25,15 +25,9 @@ _ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases
 
 
 class Trial(NamedTuple):
-    """A method at one step.
-
-    Attributes:
-        method: its name.
-        dt: step.
-        steps: number of steps.
-        error: error of the attitude at the end, Frobenius norm of the difference of rotation matrices.
-        seconds: processor time of the whole motion for one body in a batch, without compiling.
-        ok: whether every solve succeeded and every number is finite (see `Path.ok`).
+    """A method at one step `dt`: the number of steps; the error of the attitude at the end, Frobenius norm of the
+    difference of rotation matrices; the processor time of the whole motion for one body in a batch, without
+    compiling.
     """
 
     method: str
@@ -89,12 +83,10 @@ class Candidate:
         return steps, self.runs[steps]
 
     def climb(self, guess: int, tolerance: float, patience: float) -> None:
-        """Runs with fewer steps until one misses the tolerance, then with more until the end has converged.
+        """Runs with fewer steps than `guess` until one misses the tolerance, then with more until the end has
+        converged.
 
-        Args:
-            guess: the first number of steps.
-            tolerance: the largest error at the end.
-            patience: if a run takes longer than these seconds, no runs with more steps are tried.
+        If a run takes longer than `patience` seconds, no runs with more steps are tried.
         """
         steps, run = coarse_steps, coarse_run = self._added(guess)
         while coarse_run.ok and coarse_steps > self.program.unroll:

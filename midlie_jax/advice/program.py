@@ -26,12 +26,7 @@ from ..model.torques import TorqueLike
 
 
 class Program:
-    """A compiled method on a batch of bodies.
-
-    Attributes:
-        method: the method, fitted to the body.
-        unroll: steps in each iteration of the loop; the number of steps of a run must be a multiple of `unroll`.
-    """
+    """A compiled method on a batch of bodies; the number of steps of a run must be a multiple of `unroll`."""
 
     def __init__(
         self,

@@ -212,11 +212,7 @@ def _fastest_seconds(candidates: Collection[Candidate], tolerance: float) -> flo
 def candidates(
     body: Body, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
-    """The methods for `recommend`: schemes with the exact flight of the body, from high order to low; then others.
-
-    Args:
-        reads_momentum: whether the torque depends on the momentum.
-    """
+    """The methods for `recommend`: schemes with the exact flight of the body, from high order to low; then others."""
     flight = exact_flight(body)
     schemes = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum

@@ -46,12 +46,7 @@ def user_clock() -> Clock:
 
 
 class Timing(NamedTuple):
-    """Several timings of the same work.
-
-    Attributes:
-        seconds: the median.
-        spread: half the distance between the quartiles, relative to the median; NaN for a single timing.
-    """
+    """The median of several timings of the same work, and half the distance between the quartiles, relative to it."""
 
     seconds: float
     spread: float
@@ -94,17 +89,11 @@ def timed_in_turn(
     longest: float = math.inf,
     clock: Clock | None = None,
 ) -> list[tuple[Any, Timing]]:
-    """The last result and the timing of each of several runs, which alternate.
+    """The last result and the timing of each of several runs, which alternate and wait for their results.
 
     A temporary slowdown of the machine then affects all of them. For three or more rounds the first is not counted,
-    because it loads the cache for the others.
-
-    Args:
-        runs: each must wait for its result.
-        least: smallest number of rounds, for any duration; a single round has no spread.
-        most: largest number of rounds.
-        longest: total seconds of the slowest run after which no further round starts.
-        clock: by default `cost_clock()`.
+    because it loads the cache for the others. There are `least` to `most` rounds, none after `longest` seconds of the
+    slowest run.
     """
     watches = [Stopwatch(clock) for _ in runs]
     while True:

@@ -30,12 +30,10 @@ _MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states looked at,
 
 
 class Bounds(NamedTuple):
-    """The steps allowed by the reach and the stability limit of a method at some states.
+    """The steps allowed by the reach and the stability limit of a method at some states; `longest` is allowed by both.
 
-    Attributes:
-        turn_rate: the largest `Facts.fastest_turn`.
-        rate, limit: the rate of the torque nearest to its stability limit, and this limit of h rate.
-        longest: the largest step allowed by both reach and stability limit.
+    `turn_rate` is the largest `Facts.fastest_turn`, `rate` the rate of the torque nearest to its stability limit,
+    `limit`.
     """
 
     turn_rate: float

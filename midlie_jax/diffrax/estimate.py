@@ -46,7 +46,6 @@ class History(NamedTuple):
 
     @classmethod
     def none(cls, momentum: Any, h: Array) -> "History":
-        """The history before the first step."""
         return cls(jax.tree.map(lambda p: p * 0, momentum), h * 0)
 
 
@@ -87,16 +86,10 @@ def _of_rates(
 def companion(
     system: System, h: Array, motion: AnyMotion, end: AnyMotion, torques: tuple[Any, Any], history: History
 ) -> tuple[AnyMotion, History, Array]:
-    """The companion of the step from `motion` to `end`.
+    """The end of the companion of a step, the history for the next step, and whether the companion is valid.
 
-    Args:
-        h: the signed step.
-        torques: the torques at both ends, in the body frame, as components; for particles the forces.
-        history: the history from the previous step.
-
-    Returns:
-        The end of the companion, the history for the next step, and whether the companion is valid: the step rotates by
-        at most 2.4 radians.
+    The torques at both ends are components in the body frame; for particles they are the forces. It is valid if the
+    step rotates by at most 2.4 radians.
     """
     total = h + history.span
     # The length of this step divided by the sum of this and the previous step; 0 for a step of length zero.

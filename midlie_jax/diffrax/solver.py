@@ -20,18 +20,15 @@ from ..integrators.splitting import Splitting
 from ..integrators.system import AnyMotion, System
 from ..integrators.verdict import FINE, is_fine
 from ..model.torques import velocity_dependent
+from .dense import LieInterpolation, ShorterStep, Start
 from .estimate import REFERENCE_ORDER, History, companion
-from .interpolation import LieInterpolation
-from .shorter_step import ShorterStep, Start
 from .term import RigidBodyTerm, as_time, check, unchecked
 
 
 class Memory(NamedTuple):
     """Data of a step for the next step: two arrays, because diffrax compiles a dozen operations for each array.
 
-    Attributes:
-        force: the torque at the end of the step; for particles the force.
-        history: the entries of a `History`, data for the error estimate of the next step.
+    They hold the torque at the end of the step (for particles the force), and the entries of a `History`.
     """
 
     force: Array
@@ -65,16 +62,12 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
       continuous, but its rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more,
       if the times of events or the states between steps must have the accuracy of the steps.
 
-    Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
-
-    - p = 1: asymptotically the true local error, of order h^2.
-    - p = 2: asymptotically the true local error, of order h^3.
-    - p >= 4: the error of the companion, of order h^4 in the momentum and h^5 in the attitude; larger than the error of
-      the step.
-
-    `error_order` returns this exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the
-    momentum. Derivatives do not pass through the estimate. Prefer constant steps for long runs: a varying step destroys
-    the long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
+    Error estimate: the step minus its companion (module `estimate`). For a method of order p = 1 or 2 it is
+    asymptotically the true local error, of order h^(p + 1). For p >= 4 it is the error of the companion, of order h^4
+    in the momentum and h^5 in the attitude, which is larger than the error of the step. `error_order` returns this
+    exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the momentum. Derivatives do not pass
+    through the estimate. Prefer constant steps for long runs: a varying step destroys the long-time energy behaviour of
+    these methods (`benchmarks/diffrax_pipeline.py energy`).
 
     A step has an infinite error if its solve failed, if it is not finite, or if it rotates by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
@@ -128,7 +121,6 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any) -> Memory:
         """The memory before the first step: the torque at t0, and no history."""
-        del t1
         system, clock, method = self._system(terms, t0, y0, args)
         return _new_memory(system, clock(t0), system.motion(y0), _begins_with_force(method, system))
 
@@ -154,10 +146,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return terms.vf(t0, y0, args).ambient
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array], Method]:
-        """The system, the clock, and the method fitted to the body.
-
-        The clock maps the time of diffrax, which always increases, to the time of the term.
-        """
+        """The system, the map from the increasing time of diffrax to the term's, and the fitted method."""
         term = _single_term(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y, self.method)
@@ -187,15 +176,11 @@ def _step(
     memory: Memory,
     made_jump: Any,
 ) -> Any:
-    """The step of `LieSolver.step`, in the time of the term.
+    """The step of `LieSolver.step`, in the time of the term, as one jitted function.
 
-    It is one jitted function. diffrax differentiates the body of its loop over the steps several times, and JAX then
-    finds the derivative of the step already traced. Reverse mode recomputes the step. The forward and reverse passes of
-    diffrax are separate parts of its program, and code for each array passed between them is compiled entry by entry.
-
-    Returns:
-        The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
-        memory, and whether the step succeeded.
+    diffrax differentiates the body of its loop over the steps several times, and JAX then finds the derivative of the
+    step already traced. Reverse mode recomputes the step. The forward and reverse passes of diffrax are separate parts
+    of its program, and code for each array passed between them is compiled entry by entry.
     """
     system, motion = system.in_step(start_time, end_time, h), system.motion(y0)
     keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)

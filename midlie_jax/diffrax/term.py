@@ -102,7 +102,6 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         return Rates(ambient_rate(y, velocity, force), cp.packed(velocity), cp.packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
-        del kwargs
         return t1 - t0
 
     def prod(self, vf: Rates, control: Any) -> Any:
@@ -132,7 +131,6 @@ def as_time(t: Any, y: Any) -> Array:
 
 
 def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
-    """Raises a ValueError unless state, body, torque and method fit each other and hold a single body."""
     if not isinstance(y, State):
         raise ValueError(
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for "

@@ -56,17 +56,13 @@ def check_system(
     bath: str | None = None,
     of_one: Callable[[], tuple[Torque, Any]] | None = None,
 ) -> Method:
-    """Raises unless method, body, torque and initial state match.
+    """The method, fitted to the body; raises unless method, body, torque and initial state match.
 
     Args:
         batch: number of leading axes of the state; the body has the same number, or none.
         bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
         of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state without
-            a fixed number of axes, such as spins on a lattice, where an axis of the batch would count as an axis of the
-            lattice.
-
-    Returns:
-        The method, fitted to the body.
+            a fixed number of axes, such as spins on a lattice.
     """
     once(_check_structure, method, body, torque, start, batch, bath)
     if isinstance(torque, Torque):
@@ -104,7 +100,6 @@ def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: 
 
 
 def check_moves(method: Method, body: Any, start: Any) -> None:
-    """Raises unless the method supports bodies of this class and states of this kind."""
     if not method.moves(principal_of(body)):
         raise ValueError(
             f"method {method.name!r} moves {method.bodies.__name__}, but body is {body_named(body)}; "
@@ -118,11 +113,7 @@ def check_moves(method: Method, body: Any, start: Any) -> None:
 
 
 def check_bath(method: Method, bath: HeatBath | None, refused: str | None = None) -> None:
-    """Raises if there is a heat bath and the method has no stage for it, or the reverse.
-
-    Args:
-        refused: the reason why no heat bath is possible here, or None.
-    """
+    """Raises if there is a heat bath and the method has no stage for it, or the reverse; `refused` as `bath` above."""
     if refused is not None and method.random:
         raise ValueError(f"{refused}; take a scheme without a bath, such as EA, not {method.name!r}.")
     if bath is not None and not method.random:
@@ -171,14 +162,12 @@ def _require_held(name: str, array: Any, value: Any) -> None:
 
 
 def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
-    """Raises unless the times t0 + n dt of a run are finite and distinct in the dtype of dt.
+    """Raises unless the times t0 + n dt of a run are finite and distinct in the dtype of dt; traced times are not
+    checked.
 
-    A step must be at least `LEAST_ULPS` units in the last place of t0. Below this a torque that depends on time would
-    stand still, and then jump. The number of steps is not limited. Times are computed from the index, so the times of a
-    long run from a small t0 are correct to the last place. This holds even beyond 2^24, where float32 gives the same
-    time to neighbouring steps.
-
-    Traced times are not checked.
+    With a step below `LEAST_ULPS` units in the last place of t0 a torque that depends on time would stand still, and
+    then jump. The number of steps is not limited, because times are computed from the index: the times of a long run
+    from a small t0 are correct to the last place.
     """
     if is_traced(t0, dt, first):
         return
@@ -204,10 +193,7 @@ def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
 
 
 def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
-    """Raises like `check_clock`, or if the run needs the torque at times outside a table in it.
-
-    Traced times are not checked.
-    """
+    """Raises like `check_clock`, or if the run needs the torque at times outside a table in it."""
     check_clock(t0, dt, first, steps)
     check_steps(torque, dt)
     if not orbits_in(torque) or is_traced(t0, dt, first):
@@ -219,7 +205,6 @@ def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps
 
 
 def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
-    """Raises unless the orbits in a torque or density are defined at all times between these two."""
     for orbit in orbits_in(tree):
         span = orbit.span
         if span is None or is_traced(span):

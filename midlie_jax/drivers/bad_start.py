@@ -1,11 +1,13 @@
 """Initial states that are not finite: such a body fails, but the gradients of the other bodies stay finite.
 
-If bodies share a parameter, its reverse derivative is a sum over all of them. The derivative of a body whose initial
-state contains NaN is NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another
-body. Its verdict says that it failed, and its saved values are replaced by NaN. The derivative of this choice is zero.
-A run without derivatives contains none of this, because the choices would take a tenth of the time of short runs.
+If bodies share a parameter, its reverse derivative is a sum over all of them, and NaN for a body whose initial state
+contains NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another body. Its
+verdict says that it failed, and its saved values are replaced by NaN. A run without derivatives contains none of this,
+because the choices would take a tenth of the time of short runs.
 """
 
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -23,55 +25,45 @@ T = TypeVar("T")
 def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T:
     """The initial state; in a differentiated run, the state of another body unless it is `good`.
 
-    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none.
-
-    Args:
-        start, good: the initial state, and whether it is finite, ().
-        torque, t: the torque bound to its body, or None, and the time at which it is traced. A run therefore counts as
-            differentiated even if the torque is a function that closes over a parameter.
-        others: all other inputs of the run; a derivative with respect to any of them counts.
+    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none. The torque, bound to
+    its body, is traced at the time t, so that a run also counts as differentiated if a function closes over a
+    parameter. `others` are all other inputs of the run.
     """
     read = [] if torque is None else jax.closure_convert(lambda t, state: torque(t, state), t, start)[1]
     read = [x for x in jax.tree.leaves((read, others)) if eqx.is_inexact_array(x)]
     leaves, structure = jax.tree.flatten(start)
-    return structure.unflatten(_start(leaves, good, read))
+    return structure.unflatten(_chosen(_starts_of_another, leaves, good, read))
 
 
 def nan_unless(good: Array, tree: T) -> T:
     """The tree; in a differentiated run, NaN replaces its floating-point numbers unless `good`."""
     numbers, rest = eqx.partition(tree, eqx.is_inexact_array)
     leaves, structure = jax.tree.flatten(numbers)
-    return eqx.combine(structure.unflatten(_saved(leaves, good)), rest)
+    return eqx.combine(structure.unflatten(_chosen(_nan, leaves, good, [])), rest)
 
 
-@jax.custom_jvp
-def _start(leaves: list[Array], good: Array, read: list[Array]) -> list[Array]:
-    del read
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _chosen(others: Callable[..., Iterable[Array]], leaves: list[Array], good: Array, read: list[Array]) -> list[Array]:
+    """The leaves; in a derivative by one of the arguments, `others` unless `good`."""
     return in_rows(leaves, [good])
 
 
-@_start.defjvp
-def _start_jvp(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
+@_chosen.defjvp
+def _chosen_jvp(others: Any, primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
     leaves, good, _ = primals
-    others = _other.bind(good, *jax.lax.stop_gradient(leaves))
-    chosen = [jnp.where(good, x, other) for x, other in zip(leaves, others, strict=True)]
+    chosen = [jnp.where(good, x, other) for x, other in zip(leaves, others(good, leaves), strict=True)]
     return chosen, [jnp.where(good, x, jnp.zeros_like(x)) for x in tangents[0]]
 
 
-@jax.custom_jvp
-def _saved(leaves: list[Array], good: Array) -> list[Array]:
-    return in_rows(leaves, [good])
+def _starts_of_another(good: Array, leaves: list[Array]) -> Iterable[Array]:
+    return _other.bind(good, *jax.lax.stop_gradient(leaves))
 
 
-@_saved.defjvp
-def _saved_jvp(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
-    leaves, good = primals
-    saved = [jnp.where(good, x, jnp.full_like(x, jnp.nan)) for x in leaves]
-    return saved, [jnp.where(good, x, jnp.zeros_like(x)) for x in tangents[0]]
+def _nan(good: Array, leaves: list[Array]) -> Iterable[Array]:
+    return (jnp.full_like(x, jnp.nan) for x in leaves)
 
 
 def _ones(good: Array, *leaves: Array) -> list[Array]:
-    del good
     return [jnp.ones_like(x) for x in leaves]
 
 
@@ -89,16 +81,10 @@ def _batch(values: Any, axes: Any) -> tuple[list[Array], list[None]]:
     return [other(*pair) for pair in zip(leaves, of_leaves, strict=True)], [None] * len(leaves)
 
 
-def _no_derivative(*arguments: Any, **parameters: Any) -> Any:
-    raise AssertionError("the start of another body has no derivative")
-
-
 _other = make_primitive(
     "start_of_another",
     default=_ones,
     on_cpu=_ones,
-    jvp=_no_derivative,
-    transpose=_no_derivative,
     batch=_batch,
     outputs=lambda types: types[1:],
 )

@@ -1,11 +1,8 @@
 """Runs many bodies in chunks that fit the cache, spread over the devices of a mesh; used by `ensemble`.
 
 `jax.vmap` of `integrate` is the same computation, but each step passes over the whole batch. A batch larger than the
-cache is then fetched from memory in every step; chunks avoid this. XLA distributes each pass over the cores. An
-accelerator uses one chunk, because launching a kernel for each step and chunk would take longer than fetching the
-batch.
-
-With a mesh the chunks are spread over its devices. Devices do not communicate during the steps.
+cache is then fetched from memory in every step; chunks avoid this. An accelerator uses one chunk, because launching a
+kernel for each step and chunk would take longer. Devices do not communicate during the steps.
 """
 
 from functools import partial
@@ -35,8 +32,6 @@ _nothing_shared: dict[Any, None] = {}  # keyed by the structure of arguments
 
 
 def bodies_in(method: Method, run: Any, mapped: Any, *others: Any, **named: Any) -> int:
-    """The number of bodies, from the arguments of `run_ensemble` or of a function with the same arguments."""
-    del method, run, others, named
     return mapped[2].momentum.shape[0]
 
 
@@ -59,18 +54,12 @@ def run_ensemble(
     guarded: bool = False,
     begins: Progress | None = None,
 ) -> Path[Any]:
-    """`ensemble` without the checks.
+    """`ensemble` without the checks; arguments as for `ensemble`, `Batch` and `run_of_body`.
 
     Args:
-        method, adjoint, first, chunk, observe, mesh: as for `ensemble`; `method` fitted.
-        intervals, save_every: as for `run_of_body`.
         at_end: whether the path has only the final states, after one interval.
-        mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
-        shared: the same, with None for each leaf with this axis.
-        counted: (n,), whether a statistic may count a body; by default it counts all bodies with trustworthy values.
+        counted: (n,), whether a statistic may count a body; by default all bodies with trustworthy values.
         tables: from `shared_tables`.
-        leg: which of the steps are taken, by default all; see `run_of_body`.
-        guarded: as for `run_of_body`.
         begins: the initial progress of each body, from a `Carry`, or None.
     """
     *_, dt, t0 = mapped
@@ -159,13 +148,7 @@ def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
 
 
 def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
-    """The parts (k, ...) of a statistic at the saved times, from the observed values (bodies, k, ...) of a chunk.
-
-    A statistic over times has one part, without the axis (k,).
-
-    Args:
-        counted: (bodies,), whether a body may be counted.
-    """
+    """The parts (k, ...) of a statistic at the saved times of a chunk; of a statistic over times one part."""
     values = jax.tree.map(lambda x: x if path.times.ndim else x[:, None], path.states)
     saved = jax.tree.leaves(values)[0].shape[1]
     good = counted[:, None] & (jnp.arange(saved, dtype=jnp.int32)[None] < path.first_bad[:, None])
@@ -174,14 +157,10 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
 
 
 def shared_tables(method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int) -> Rows | None:
-    """The prepared inputs of the steps of a run; None if nothing is worth preparing.
+    """The prepared inputs of at least all steps of the run; None if nothing is worth preparing.
 
     A separate program computes them, because XLA rounds some of them differently in a program for several devices. It
     is not called if the bodies are known to share nothing.
-
-    Args:
-        method, adjoint, mapped, shared, first: as for `run_ensemble`.
-        steps: number of steps to prepare, at least the number of steps of the run.
     """
     decision = structure_of((method, adjoint, mapped, shared))
     if decision is not None and decision in _nothing_shared:
@@ -220,15 +199,11 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | N
 
 
 def chunk_size(count: int, start: Any = None) -> int:
-    """The default number of bodies moved at once; all on an accelerator, which needs long loops.
+    """The default number of bodies moved at once, of `count`; all on an accelerator, which needs long loops.
 
-    On a CPU a step reads and writes the state of each body once, and keeps intermediate results in registers. On one
-    core the states of a chunk should therefore fit the first-level cache, and be numerous enough to hide the overhead
-    of starting a loop. XLA spreads only long loops over several cores.
-
-    Args:
-        count: the number of bodies.
-        start: the initial states, with a leading axis, or None.
+    On a CPU a step reads and writes the state of each body once. On one core the states of a chunk should therefore fit
+    the first-level cache, and be numerous enough to hide the overhead of starting a loop. XLA spreads only long loops
+    over several cores.
     """
     if not on_cpu():
         return count

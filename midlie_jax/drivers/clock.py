@@ -12,7 +12,6 @@ def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, No
 
 
 def ends_of_step_back(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
-    """The times at both ends of a backward step n."""
     return time_of(*clock, n + 1), time_of(*clock, n), None
 
 

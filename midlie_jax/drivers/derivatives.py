@@ -32,18 +32,13 @@ Step = Callable[..., Progress]
 
 
 class Steps(NamedTuple):
-    """Consecutive steps of one run.
+    """Consecutive steps of one run, `number` of `total`.
 
     Attributes:
-        take: returns the progress after a step from the progress before it and the inputs of the step.
-        take_back: returns the progress before a step of a symmetric method from the progress after it and the inputs.
-            It also returns intermediate results for `take_again`.
-        take_again: like `take`, but used only for the derivative; its third argument is the intermediate result of
-            `take_back`.
-        inputs: the index and the prepared values of each step, a pytree with a leading axis of steps.
-        number: number of steps.
-        total: number of steps of the whole run.
-        unroll: steps per iteration of the loop.
+        take: the progress after a step, from the progress before it and the inputs of the step.
+        take_back: the progress before a step of a symmetric method, and intermediate results for `take_again`.
+        take_again: `take` for the derivative alone; its third argument is the result of `take_back`.
+        inputs: the index and the prepared values of each step, with a leading axis of steps.
         fused: whether a step is a single loop over the bodies of a batch, without inner loops, a torque with loops, or
             a bath.
     """
@@ -67,10 +62,26 @@ class Adjoint(eqx.Module):
 
     def check(self, method: Method, system: System, save_every: int) -> None:
         """Raises a ValueError if the derivative does not exist for this method and torque."""
-        del method, system, save_every
 
 
-class Checkpointed(Adjoint):
+class _Keeping(Adjoint):
+    """An adjoint that keeps a state every `every` steps."""
+
+    every: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self) -> None:
+        if self.every is not None:
+            as_count("every", self.every)
+
+    def check(self, method: Method, system: System, save_every: int) -> None:
+        if self.every is not None and save_every % self.every:
+            raise ValueError(
+                f"save_every ({save_every}) must be divisible by every ({self.every}) of the adjoint; "
+                "change one of them."
+            )
+
+
+class Checkpointed(_Keeping):
     """Reverse mode keeps some states and recomputes the others; forward mode and higher derivatives work as well.
 
     Attributes:
@@ -89,17 +100,6 @@ class Checkpointed(Adjoint):
         -0.035224
     """
 
-    every: int | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self) -> None:
-        if self.every is not None:
-            as_count("every", self.every)
-
-    def check(self, method: Method, system: System, save_every: int) -> None:
-        del method, system
-        if self.every is not None:
-            _check_division(self.every, save_every)
-
     def run(self, steps: Steps, progress: Progress) -> Progress:
         size = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
         every = self.every or _every(steps.number, steps.total, size)
@@ -115,7 +115,7 @@ class Checkpointed(Adjoint):
         return jax.lax.scan(block, progress, _in_blocks(steps.inputs, every))[0]
 
 
-class Reversible(Adjoint):
+class Reversible(_Keeping):
     """Reverse mode takes the steps of a symmetric method backwards; memory does not grow with the number of steps.
 
     A step of -h reverses a step of h, up to rounding. The rounding errors of backward steps accumulate. A few states
@@ -139,12 +139,6 @@ class Reversible(Adjoint):
         -0.035224
     """
 
-    every: int | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self) -> None:
-        if self.every is not None:
-            as_count("every", self.every)
-
     def check(self, method: Method, system: System, save_every: int) -> None:
         if not method.symmetric:
             raise ValueError(
@@ -156,8 +150,7 @@ class Reversible(Adjoint):
                 "adjoint=Reversible() needs a torque that does not read the momentum, because a step with another "
                 "torque cannot be undone; use Checkpointed()."
             )
-        if self.every is not None:
-            _check_division(self.every, save_every)
+        super().check(method, system, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
         block = self.every or _block(steps.number, progress)
@@ -212,21 +205,8 @@ def as_adjoint(adjoint: Any) -> Adjoint:
     return adjoint
 
 
-def _check_division(every: int, save_every: int) -> None:
-    if save_every % every:
-        raise ValueError(
-            f"save_every ({save_every}) must be divisible by every ({every}) of the adjoint; change one of them."
-        )
-
-
 def _every(number: int, total: int, size: int) -> int:
-    """The steps between two states that `Checkpointed` keeps by default.
-
-    Args:
-        number: steps between two saved states; the result divides it.
-        total: steps of the run.
-        size: numbers per state.
-    """
+    """The default steps between two kept states, a divisor of `number`; a state has `size` numbers."""
     if total * size <= budgets.KEPT_ALL:
         return 1
     longest = max(budgets.SHORTEST_BETWEEN, budgets.KEPT_BETWEEN // size)
@@ -288,8 +268,6 @@ def _in_blocks(tree: Any, block: int) -> Any:
 
 
 class _Functions(NamedTuple):
-    """`take`, `take_back` and `take_again` of `Steps`, with the arrays they read as extra arguments."""
-
     take: Step
     take_back: Callable[..., tuple[Progress, Any]]
     take_again: Step

@@ -86,8 +86,6 @@ _of_one = tuned_jit(observables.energy)
 
 @tuned_jit
 def _of_bodies(mapped: Any, shared: Any, state: Any, times: Any) -> Array:
-    """The energies of bodies, from body and torque with None for each shared leaf, and the reverse."""
-
     def of_one(mapped: Any, state: Any, times: Any) -> Array:
         body, torque = eqx.combine(mapped, shared)
         return observables.energy(body, torque, state, times)
@@ -96,12 +94,7 @@ def _of_bodies(mapped: Any, shared: Any, state: Any, times: Any) -> Array:
 
 
 def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, axes: Any) -> Any:
-    """The torque's tree with True for each array with one row per body.
-
-    Args:
-        own_body: whether each body has its own moments.
-        of_bodies: whether the states are known to belong to several bodies.
-    """
+    """The torque's tree with True for each array with one row per body; `of_bodies`: there are several for sure."""
     shared = jax.tree.map(lambda _: False, torque)
     batch = state.batch
     axes_given = not (isinstance(axes, str) and axes == AUTO)

@@ -32,26 +32,7 @@ from .rows import AUTO, count_rows, torque_rows
 from .stepper import Carry, carried_on
 
 
-@overload  # the return type follows `observe`
-def ensemble(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    torque_axes: Any = ...,
-    chunk: int | None = ...,
-    adjoint: Adjoint | None = ...,
-    mesh: Mesh | None = ...,
-    bath: HeatBath | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def ensemble(
     method: Method | str,
     body: Body,
@@ -74,7 +55,7 @@ def ensemble(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -86,6 +67,7 @@ def ensemble(
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
     bath: HeatBath | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def ensemble(
     method: Method | str,
@@ -185,13 +167,11 @@ def _prepared_steps(steps: int) -> int:
 
 
 class Batch(NamedTuple):
-    """The checked bodies of an ensemble.
+    """The checked bodies of an ensemble, and the method fitted to them.
 
     Attributes:
-        method: the method fitted to the bodies.
-        bodies: number of bodies.
-        mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
-        shared: the same, with None for each leaf with this axis.
+        mapped, shared: body, torque, start, dt and t0, each with None for the leaves of the other; mapped leaves have
+            rows.
     """
 
     method: Method
@@ -210,12 +190,7 @@ def as_batch(
     torque_axes: Any = AUTO,
     bath: str | None = None,
 ) -> Batch:
-    """The checked arguments of `ensemble`; raises a ValueError that names the argument that does not fit.
-
-    Args:
-        method, body, torque, start, dt, t0, torque_axes: as for `ensemble`.
-        bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
-    """
+    """The checked arguments of `ensemble`; `bath` is the reason why no heat bath is possible here, if none is."""
     once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     one = partial(_torque_and_state_of_one, body, torque, start, torque_axes)
@@ -227,11 +202,8 @@ def as_batch(
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(method, dt)
     arguments = (body, torque, start, dt, t0)
-    leaves, structure = jax.tree.flatten(arguments)
-    marks = once(_with_rows, arguments, torque_axes)
-    mapped = structure.unflatten([leaf if own else None for leaf, own in zip(leaves, marks, strict=True)])
-    shared = structure.unflatten([None if own else leaf for leaf, own in zip(leaves, marks, strict=True)])
-    return Batch(method, count, mapped, shared)
+    marks = jax.tree.unflatten(jax.tree.structure(arguments), once(_with_rows, arguments, torque_axes))
+    return Batch(method, count, *eqx.partition(arguments, marks))
 
 
 def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:
@@ -244,7 +216,6 @@ def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any
 
 
 def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
-    """For each leaf of the arguments, whether it has one row per body."""
     body, torque, start, dt, t0 = arguments
     own_body, count = bool(start.kind.batch_of(body)), start.momentum.shape[0]
     rows = (
@@ -283,7 +254,6 @@ def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
 
 
 def check_spread(batch: Batch, observe: Observe | None, mesh: Any) -> None:
-    """Raises unless `mesh` is a mesh, and the bodies that a statistic combines have the same times."""
     if not isinstance(mesh, Mesh | None):
         raise ValueError(f"mesh must be a jax.sharding.Mesh, for example from jax.make_mesh, got {described(mesh)}.")
     *_, dt, t0 = batch.mapped

@@ -1,8 +1,7 @@
 """`free_motion`: torque-free motion of a body at any times, each by one evaluation and without steps.
 
-The closed form is in `free_orbit.py`; the tests compare it with a second closed form. All numbers are scalars in loops
-over the bodies. One loop finds their orbits, one follows the orbits for a short time, one doubles this time, and one
-makes the states. The doubling loop is repeated for the largest rotation of the batch.
+The closed form is in `free_orbit.py`. One loop over the bodies finds their orbits, one follows the orbits for a short
+time, one doubles this time as often as the largest rotation of the batch needs, and one makes the states.
 """
 
 from typing import Any
@@ -94,7 +93,6 @@ def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
 
 
 def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
-    """`free_motion` of one body, without the checks."""
     good = cp.all_finite(start)
     start = finite_start(start, good, None, times, (body, times))
     system = System.of(body, None, start, jnp.zeros((), times.dtype))

@@ -1,12 +1,11 @@
 """Detects blow-ups of translating or coupled bodies: the run gained energy that its forces do not give.
 
-A step beyond the stability limit of a force makes the motion grow without bound, but stay finite: a chain flies apart
-and looks like a result. The reach of a method detects this only for rotations. For a potential that does not depend on
-time, the run therefore compares its final energy with its initial energy, once, outside the loop over steps.
-`simulate` compares them at the end of each part.
+A step beyond the stability limit of a force makes the motion grow without bound, but stay finite. The reach of a method
+detects this only for rotations. For a potential that does not depend on time, the run therefore compares its final
+energy with its initial energy, once, outside the loop over steps; `simulate` at the end of each part.
 
-With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most
-a / (1 - a) (K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
+With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most a / (1 - a)
+(K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
 """
 
 from functools import reduce
@@ -16,13 +15,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._xla.replay import traits
 from ..integrators.base import Progress
+from ..integrators.projection import steady_potential
 from ..integrators.system import AnyMotion, System
 from ..integrators.verdict import FINE, UNSTABLE, earlier
 from ..model.bodies import Particles
 from ..model.state import AnyState
-from ..model.torques import potential_of
 
 _MOST = 20.0
 _LEAST_STEPS = 128  # in a shorter run, two potentials would take at least 3 % of the time
@@ -30,18 +28,9 @@ _ROUNDING = 1e4  # in units of eps: a motion per step, relative to the position,
 
 
 def with_gain_judged(
-    system: System,
-    start: AnyState,
-    t: Array,
-    h: Array,
-    steps: int | Array,
-    progress: Progress,
+    system: System, start: AnyState, t: Array, h: Array, steps: int | Array, progress: Progress
 ) -> Progress:
-    """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy.
-
-    Args:
-        steps: number of steps; an array if it is an argument of the program.
-    """
+    """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy."""
     judged = steps >= _LEAST_STEPS
     potential = None if judged is False else _potential(system, start, t)
     if potential is None:
@@ -62,21 +51,12 @@ def _potential(system: System, start: AnyState, t: Array) -> Any:
     travels = system.kind.rotation is not None or system.kind.several or isinstance(system.inertia, Particles)
     if system.torque is None or not travels or system.reads_momentum or system.bath is not None:
         return None
-    try:
-        potential = potential_of(system.torque)
-        found = traits(lambda t, state: jnp.asarray(potential(t, state)), t, start)
-    except ValueError:
-        return None
-    return None if found.reads[0] else potential
+    return steady_potential(system.torque, t, start)
 
 
 def _kinetic(system: System, motion: AnyMotion) -> Array:
     products = jax.tree.map(jnp.multiply, motion.momentum, system.velocity(motion.momentum))
-    return sum(map(jnp.sum, jax.tree.leaves(products)), start=jnp.zeros((), _dtype(motion))) / 2
-
-
-def _dtype(motion: AnyMotion) -> Any:
-    return jax.tree.leaves(motion)[0].dtype
+    return sum(map(jnp.sum, jax.tree.leaves(products)), start=jnp.zeros((), jax.tree.leaves(motion)[0].dtype)) / 2
 
 
 def _moves(system: System, least: float, h: Array, motion: AnyMotion) -> Array:

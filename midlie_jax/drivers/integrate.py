@@ -35,23 +35,7 @@ from .shared_inputs import Rows, SharedInputs
 from .stepper import Carry, OneStep, carried_on, check_carried
 
 
-@overload  # the return type follows `observe`
-def integrate(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    adjoint: Adjoint | None = ...,
-    bath: HeatBath | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def integrate(
     method: Method | str,
     body: Body,
@@ -71,7 +55,7 @@ def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -80,6 +64,7 @@ def integrate(
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
     bath: HeatBath | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate(
     method: Method | str,
@@ -185,18 +170,11 @@ def run_of_body(
 ) -> Path[Any]:
     """`integrate` without the checks.
 
-    Args:
-        intervals: the number of saved states after the initial one.
-        save_every: the steps between two of them; an array if it is an argument of the program. Then `adjoint` is
-            ignored.
-        shared: the step with prepared inputs, or None for the step of the method.
-        rows: the prepared inputs of the steps.
-        observe: what the path holds instead of the states.
-        leg: which of the steps are taken, by default all. Only the states saved within the leg, the failures there and
-            the final carry of the path are valid. `adjoint` is ignored.
-        guarded: whether an initial state that is not finite must not reach the steps, because they may be
-            differentiated.
-        carried: the initial progress, from a `Carry`; then only the class, shape and dtype of `start` are read.
+    An array `save_every` is an argument of the program. With it, or with a `leg` (the part of the steps that is taken,
+    see `legs.py`), `adjoint` is ignored. After a leg only its own saved states, failures and final carry are valid.
+    With prepared inputs, `shared` is the step and `rows` its inputs. `guarded`: an initial state that is not finite
+    must not reach the steps, which may be differentiated. `carried` is the progress from a `Carry`; of `start` then
+    only class, shape and dtype are read.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -269,11 +247,7 @@ def run_of_body(
 
 
 def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
-    """Like `run_of_body`; a statistic of time replaces the values.
-
-    Args:
-        at_end: whether the path has only the final state.
-    """
+    """Like `run_of_body`; a statistic of time replaces the values."""
     path = run_of_body(*arguments, observe=observe, **options)
     if not isinstance(observe, Series):
         return end_alone(path) if at_end else path
@@ -288,7 +262,6 @@ def _side_by_side(
     method: Method, adjoint: Adjoint, body: Any, torque: Any, start: Any, *others: Any, **more: Any
 ) -> int:
     """The number of bodies that a step moves side by side; few bodies are moved number by number, like one."""
-    del method, adjoint, body, torque, others, more
     return start.count if start.several and start.count > budgets.UNROLLED_BODIES else 1
 
 

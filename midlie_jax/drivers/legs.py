@@ -1,9 +1,8 @@
 """A leg: part of the steps of a run, between two stops; one program computes every leg.
 
 `simulate` stores the progress of a run so often that at most half a minute of work can be lost. The number of steps in
-this time depends on the machine, but results must not. The number of steps is therefore an argument of the program: all
-legs run the same compiled code. A leg begins with the progress at the end of the previous leg, because progress made
-again from a state may differ in the last bit.
+this time depends on the machine, but results must not; it is therefore an argument of the program. A leg begins with
+the progress at the end of the previous leg, because progress made again from a state may differ in the last bit.
 """
 
 from typing import Any, NamedTuple
@@ -18,11 +17,9 @@ from .stepper import OneStep
 
 
 class Leg(NamedTuple):
-    """Where a leg begins and ends, in steps from the beginning of the run.
+    """A leg from the step `begin`, 0 or the end of another leg, to the stop `end`.
 
     Attributes:
-        begin: (), 0 or the end of another leg.
-        end: (), a stop, see `next_stop`.
         judged: (), the steps of the whole run up to the end of the leg if a gain of energy is judged there, else 0.
         carried: the progress of each body at the beginning of the leg.
         given: the progress at the beginning of the whole run if it is from a `Carry`, else None.
@@ -50,12 +47,7 @@ def next_stop(begin: int, steps: int, iteration: int, save_every: int) -> int:
 def in_leg(
     leg: Leg, one: OneStep, first: Array, before: Array, save_every: int, rows: Any, progress: Progress
 ) -> Progress:
-    """The progress after the steps that belong to both the leg and one interval between two saved states.
-
-    Args:
-        before: (), the number of steps before the interval.
-        progress: the progress before these steps.
-    """
+    """The progress after the steps both of the leg and of the interval of `save_every` steps after `before`."""
     begin, end = jnp.clip(leg.begin - before, 0, save_every), jnp.clip(leg.end - before, 0, save_every)
     size = iteration(one.method, save_every)
     whole, rest = divmod(save_every, size)

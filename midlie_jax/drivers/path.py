@@ -69,24 +69,22 @@ class Path(NamedTuple, TypedBy[States]):
     to_xarray = tables.to_xarray
 
     def __repr__(self) -> str:
-        return _brief(self)
-
-
-def _brief(path: Any) -> str:
-    """The path as text: its times and whether it is ok in the first line, then the shapes of its states."""
-    name, states = type(path).__name__, eqx.tree_pformat(path.states, width=_WIDTH)
-    known = all(isinstance(x, Array) and not isinstance(x, Tracer) for x in (path.times, path.ok, path.first_bad))
-    if not known or not all(x.is_fully_addressable and x.size for x in (path.times, path.ok)):
-        return f"{name}({', '.join(f'{n}={eqx.tree_pformat(x)}' for n, x in zip(path._fields, path, strict=True))})"
-    times, ok = np.asarray(path.times), np.asarray(path.ok)
-    first, last = (times[..., 0].min(), times[..., -1].max()) if times.ndim else (times, times)
-    span = f"{times.shape[-1]} saved states at times {first:.6g} to {last:.6g}" if times.ndim else f"end at {last:.6g}"
-    if ok.all():
-        judged = "ok" if not ok.ndim else f"all {ok.size} ok"
-    else:
-        judged = f"states[:{int(path.first_bad)}] ok" if not ok.ndim else f"{np.count_nonzero(ok)} of {ok.size} ok"
-        judged += "." if path.result is None else f". {reasons(path.result, np.asarray(~ok))}"
-    return f"{name}: {span}; {judged}\n{states}"
+        # Its times and whether it is ok are in the first line, then the shapes of its states.
+        name, states = type(self).__name__, eqx.tree_pformat(self.states, width=_WIDTH)
+        known = all(isinstance(x, Array) and not isinstance(x, Tracer) for x in (self.times, self.ok, self.first_bad))
+        if not known or not all(x.is_fully_addressable and x.size for x in (self.times, self.ok)):
+            return f"{name}({', '.join(f'{n}={eqx.tree_pformat(x)}' for n, x in zip(self._fields, self, strict=True))})"
+        times, ok = np.asarray(self.times), np.asarray(self.ok)
+        first, last = (times[..., 0].min(), times[..., -1].max()) if times.ndim else (times, times)
+        span = (
+            f"{times.shape[-1]} saved states at times {first:.6g} to {last:.6g}" if times.ndim else f"end at {last:.6g}"
+        )
+        if ok.all():
+            judged = "ok" if not ok.ndim else f"all {ok.size} ok"
+        else:
+            judged = f"states[:{int(self.first_bad)}] ok" if not ok.ndim else f"{np.count_nonzero(ok)} of {ok.size} ok"
+            judged += "." if self.result is None else f". {reasons(self.result, np.asarray(~ok))}"
+        return f"{name}: {span}; {judged}\n{states}"
 
 
 def end_alone(path: P) -> P:

@@ -76,7 +76,6 @@ class Outcome(_Item):
 
 
 def reasons(result: Any, failed: np.ndarray) -> str:
-    """The sentences of the results of failed runs, without repetition."""
     codes = np.ravel(jax.tree.leaves(result)[0])
     first = [int(np.flatnonzero((codes == code) & np.ravel(failed))[0]) for code in np.unique(codes[np.ravel(failed)])]
     return " ".join(RESULTS[jax.tree.map(lambda x, i=i: jnp.ravel(x)[i], result)] for i in first)

@@ -5,9 +5,9 @@ be one shared vector or one number per body. Every reading is therefore tried on
 must choose.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -48,14 +48,9 @@ def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any],
 def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnyState, count: int) -> Any:
     """The torque's tree with True for each array with one row per body.
 
-    Args:
-        axes: "auto": every set of arrays of length `count` is tried, evaluating only shapes. The only set for which the
-            torque has the shape of one body's momentum is returned. Otherwise `RULE` applies.
-        body, own_body: the body on which the torque acts, and whether its arrays have one row per body.
-
-    Raises:
-        ValueError: several readings work, or none does; `axes` is of no kind above, or does not fit the torque; or the
-            torque does not act on one body if its parameters are read as in `axes`.
+    For "auto" every set of arrays of length `count` is tried, evaluating only shapes. The only set for which the torque
+    has the shape of one body's momentum is returned. Otherwise `RULE` applies. Raises a ValueError if several readings
+    work or none does, if `axes` does not fit the torque, or if the torque does not act on one body in this reading.
     """
     others = _Shapes.of(start, rows=True), _Shapes.of(body, rows=own_body)
     shapes = _Shapes.of(torque)
@@ -80,13 +75,11 @@ class _Shapes(NamedTuple):
 
     @classmethod
     def of(cls, tree: Any, rows: bool = False) -> "_Shapes":
-        """The shapes of the arrays of a tree, or of one row of each."""
         leaves, structure = jax.tree.flatten(tree)
         return cls(tuple(_array_or_row(leaf, rows) for leaf in leaves), structure)
 
     @property
     def names(self) -> list[str]:
-        """The name of each leaf, as in `torque_axes`."""
         return [name for name, _ in _named_leaves(self.structure.unflatten(self.leaves))]
 
     def listed(self, chosen: Sequence[int]) -> str:
@@ -130,23 +123,13 @@ def _only_reading(torque: _Shapes, others: tuple[_Shapes, ...], count: int) -> t
             f"{torque.call(tuple(candidates))}; if all bodies share them, write {torque.call(())}."
         )
     wanted = others[0].leaves[0].shape  # of one body's momentum, the first array of a state
-    found: list[tuple[int, ...]] = []
-    for chosen in _choices(candidates):
-        if _torque_shape(torque, chosen, others) == wanted:
-            found.append(chosen)
-        if len(found) > 1:
-            break
+    subsets = (chosen for size in range(len(candidates) + 1) for chosen in combinations(candidates, size))
+    found = list(islice((chosen for chosen in subsets if _torque_shape(torque, chosen, others) == wanted), 2))
     if len(found) > 1:
         raise ValueError(_ambiguous(torque, found, count))
     if not found:
         _refuse(torque, candidates, others, count)
     return found[0] if found else ()
-
-
-def _choices(candidates: list[int]) -> Iterator[tuple[int, ...]]:
-    """All subsets, the smallest first."""
-    for size in range(len(candidates) + 1):
-        yield from combinations(candidates, size)
 
 
 def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> tuple[int, ...] | None:
@@ -158,7 +141,6 @@ def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shape
 
 
 def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> Any:
-    """The result of the torque on one body, as shapes; raises what the torque raises."""
     parts = torque.structure.unflatten([_array_or_row(leaf, i in chosen) for i, leaf in enumerate(torque.leaves)])
     arguments = parts, *(other.structure.unflatten(other.leaves) for other in others)
     arrays, rest = eqx.partition(arguments, _is_array)

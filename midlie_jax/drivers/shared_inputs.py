@@ -25,13 +25,7 @@ Rows = list[Any]
 
 
 class SharedInputs(NamedTuple):
-    """The split step of a run.
-
-    Attributes:
-        costly: whether the torque that reads its inputs from a row has expensive operations.
-        hoisted: the split function of (n, t0, dt, arrays of the system, progress before).
-        structure: the tree structure of the progress after the step.
-    """
+    """The split step of a run; `costly`: whether the torque that reads a row has expensive operations."""
 
     costly: bool
     hoisted: Hoisted
@@ -41,7 +35,6 @@ class SharedInputs(NamedTuple):
         return system._replace(placement=system.placement.if_costly(self.costly))
 
     def rows(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
-        """The prepared values of step n."""
         return self.hoisted.prepare(n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
 
     def table(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
@@ -52,19 +45,12 @@ class SharedInputs(NamedTuple):
         return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=budgets.PREPARED_ROWS)
 
     def advance(self, system: System, t0: Array, dt: Array, progress: Progress, n: Array, row: Any) -> Progress:
-        """`Method.advance` of step n, with its prepared values."""
         leaves = jax.tree.leaves(progress)
         return self.structure.unflatten(self.hoisted.rest(row, n, t0, dt, *_arrays(system), *leaves))
 
 
 def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
-    """The split step of an ensemble; None if nothing is worth preparing.
-
-    Args:
-        method: fitted to the body.
-        arguments: body, torque, start, dt and t0 of one body.
-        rows: the same tree, with True for each array with one row per body.
-    """
+    """The split step of an ensemble, None if nothing is worth preparing; `rows` marks arrays with a row per body."""
     body, torque, start, dt, t0 = arguments
     if torque is None or any(jax.tree.leaves(rows[3:])) or jax.sharding.get_abstract_mesh().manual_axes:
         return None
@@ -107,10 +93,10 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
 
 
 def _without_mesh(value: Array) -> jax.ShapeDtypeStruct:
-    """The type of an array, without the mesh on which it lies.
+    """The type of an array, without the mesh on which it lies, for example because it is the final state of a run
+    there.
 
-    The final state of a run on a mesh lies on that mesh, and so does an initial state made from it. JAX would write the
-    mesh into the operations of the traced step, which `jax.shard_map` could then not perform.
+    JAX would write the mesh into the operations of the traced step, which `jax.shard_map` could then not perform.
     """
     return jax.ShapeDtypeStruct(value.shape, value.dtype, weak_type=jax.typeof(value).weak_type)
 

@@ -30,14 +30,7 @@ from .shared_inputs import SharedInputs
 
 
 class OneStep(NamedTuple):
-    """The steps of a run with a constant step.
-
-    Attributes:
-        method, system: the method fitted to the body, and the constants of the run.
-        t0, dt: (), the time of step 0, and the step.
-        shared: the step with prepared inputs, or None for the step of the method.
-        axes: the axes of a mesh of devices along which the run varies.
-    """
+    """The steps of a run with a constant step `dt`; `t0` is the time of step 0."""
 
     method: Method
     system: System
@@ -76,13 +69,11 @@ class OneStep(NamedTuple):
     def loop(
         self, progress: Progress, first: Array, iterations: Array, size: int = 1, rows: Any = None, skip: Any = 0
     ) -> Progress:
-        """The progress after several iterations of `size` steps each.
+        """The progress after several iterations of `size` steps each; `iterations` is an argument of the compiled
+        program.
 
-        Args:
-            first: the index of the step that belongs to the first row.
-            iterations: number of iterations, an argument of the compiled program.
-            rows: the prepared inputs of the steps, with one row per step, or None.
-            skip: the number of the first step, counted from `first`.
+        `first` is the index of the step that belongs to the first of `rows`; `skip` numbers the first step, counted
+        from there.
         """
 
         def take(progress: Progress, number: Array) -> tuple[Progress, None]:
@@ -108,12 +99,7 @@ class OneStep(NamedTuple):
         return progress if self.unroll == 1 else self.loop(progress, first, count - taken, 1, rows, skip + taken)
 
     def many(self, inputs: Any, number: int, total: int) -> Steps:
-        """Consecutive steps for an adjoint.
-
-        Args:
-            inputs: the index and the prepared inputs of each step, with a leading axis.
-            number: number of these steps. total: number of steps of the run.
-        """
+        """Consecutive steps for an adjoint, `number` of the `total` of the run, with their indices and rows."""
         fused = self.method.is_one_loop(self.system)
         return Steps(self.take, self.take_back, self.take_again, inputs, number, total, self.unroll, fused)
 
@@ -344,7 +330,6 @@ def _check_no_clock(carry: Carry) -> None:
 
 
 def check_carried(carried: Progress, system: System, method: Method) -> None:
-    """Raises unless a method can continue from this progress."""
     if (carried.force is not None) != method.keeps_force(system):
         raise ValueError(
             f"start must be a Carry of the same method and torque, got one of another: {method.name} "
@@ -408,7 +393,6 @@ def _moved_over(before: OneStep, after: OneStep, index: Array, progress: Progres
 
 
 def _check_alike(name: str, value: Any, like: Any) -> None:
-    """Raises unless a pytree has the same structure, shapes and dtypes as another."""
     if jax.tree.structure(value) != jax.tree.structure(like):
         raise ValueError(
             f"{name} must have the structure that the stepper was made with, {_form(like)}, got {_form(value)}; "

@@ -23,7 +23,6 @@ def named(tree: Any, separator: str = "_") -> dict[str, Any]:
 
 
 def columns(state: Any) -> dict[str, tuple[str, ...]]:
-    """The names of the columns of each field of a state."""
     return {name: _columns(name, dims) for name, (dims, _) in state.described().items()}
 
 

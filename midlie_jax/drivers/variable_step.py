@@ -8,22 +8,11 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
-the same steps backwards. Compared with a step of `integrate`, a step needs one more derivative of the density along the
-motion.
-
-Measured by `python benchmarks/adaptive.py`: the gain is large where the time scale of the motion changes. On an orbit
-of eccentricity 0.6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and
-from 5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the
-top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). The energy of a
-swinging Lagrange top does not drift in 2.6e5 steps. Its largest error is 1.3e-3 both in the first and in the last
-eighth of the run. With the density evaluated at the beginning of each step, these errors are 3.7e-2 and 1.5e-1. Energy
-does not drift for motions that are integrable or nearly so. For an asymmetric top the mean energy error varies between
-3.1e-3 and -2.9e-3, and a constant step is better.
+the same steps backwards. `python benchmarks/adaptive.py` measures when it pays.
 
 The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
 and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
-bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues; no select over its
-state is needed.
+bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues.
 """
 
 from functools import partial
@@ -74,24 +63,7 @@ class _Clock(NamedTuple):
     taken: Array  # steps taken
 
 
-@overload  # the return type follows `observe`
-def integrate_variable_step(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: AnyState | Carry,
-    *,
-    density: DensityLike,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    t1: float | Array | None = ...,
-    rho: float | Array | None = ...,
-    adjoint: Adjoint | None = ...,
-    observe: Any,
-) -> Path[Any]: ...
-@overload
+@overload  # the return type follows `start` and `observe`
 def integrate_variable_step(
     method: Method | str,
     body: Body,
@@ -112,7 +84,7 @@ def integrate_variable_step(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: Carry,
+    start: AnyState | Carry,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -122,6 +94,7 @@ def integrate_variable_step(
     t1: float | Array | None = ...,
     rho: float | Array | None = ...,
     adjoint: Adjoint | None = ...,
+    observe: Any = ...,
 ) -> Path[Any]: ...
 def integrate_variable_step(
     method: Method | str,
@@ -246,7 +219,6 @@ def _state_of(carried: Carry, t0: Any, rho: Any) -> Any:
 
 
 def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
-    """Raises unless the first step, dt / density, changes the time; traced numbers are not checked."""
     if cp.is_traced(density, dt, t0, rho, start) or abs(dt) >= LEAST_ULPS * cp.epsilon(dt) * abs(t0):
         return  # the ordinary case
     value = density(t0, start) if rho is None else rho
@@ -309,8 +281,14 @@ def _run(
         if all_steps:
             carry = take_steps(carry, every)
         else:
-            take_block = partial(take_steps, count=_block(every))
-            carry = _while_any_moves(take_block, carry, every // _block(every))
+            # Blocks of steps, until the next step of every body is zero.
+            size = max(n for n in range(1, budgets.CHECKED_STEPS + 1) if every % n == 0)
+            first = jnp.array(0, jnp.int32), carry
+            carry = jax.lax.while_loop(
+                lambda state: (state[0] < every // size) & (state[1][1].h != 0),
+                lambda state: (state[0] + 1, take_steps(state[1], size)),
+                first,
+            )[1]
         progress, clock = carry
         state = system.state(progress.motion)
         seen = observe_state(observe, clock.t, state, body, torque)
@@ -401,25 +379,9 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    """The density of a motion in components, evaluated like a torque."""
     value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
     if like.shape:
         raise ValueError(
             f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
         )
     return jnp.asarray(jax.tree.leaves(value)[0], t.dtype)
-
-
-def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
-    """The carry after `blocks` blocks of steps, or fewer if the next step of every body is zero before."""
-
-    def moves(state: Any) -> Array:
-        count, (_, clock) = state
-        return (count < blocks) & (clock.h != 0)
-
-    start = jnp.array(0, jnp.int32), carry
-    return jax.lax.while_loop(moves, lambda state: (state[0] + 1, take_block(state[1])), start)[1]
-
-
-def _block(count: int) -> int:
-    return max(n for n in range(1, budgets.CHECKED_STEPS + 1) if count % n == 0)

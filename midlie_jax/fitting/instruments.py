@@ -86,7 +86,6 @@ class Attitudes(Recorded):
         require("values", self.values, is_unit, "must be unit quaternions (w, x, y, z)", "divide each by its norm.")
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        del parameters, body
         return so3.log(so3.multiply(so3.conjugate(self.values), attitude_of(states)))
 
 
@@ -133,7 +132,6 @@ class Directions(Recorded):
         self.reference = Source(None, _unit("reference", jnp.broadcast_to(known, self.values.shape)))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        del body
         measured = self.unbiased(parameters)
         reference = jnp.broadcast_to(self.reference(parameters), measured.shape)
         expected = cp.pack(states.seen_from_body(cp.vector(reference)))

@@ -84,12 +84,8 @@ class Measurement(eqx.Module):
 
     @abstractmethod
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        """Model minus measurement, of the shape of `present`.
-
-        Args:
-            parameters: the values of all parameters.
-            body: the body of the model.
-            states: the model's states at `times`.
+        """Model minus measurement, of the shape of `present`, for the values of all parameters and the model's states
+        at `times`.
         """
 
     def unbiased(self, parameters: Any) -> Array:
@@ -108,7 +104,6 @@ class Measurement(eqx.Module):
 
     def of_run(self, torque: TorqueLike | None) -> "Measurement":
         """The measurement for a run under this torque; by default, itself."""
-        del torque
         return self
 
     @property
@@ -118,7 +113,6 @@ class Measurement(eqx.Module):
 
     def eliminated(self, residuals: Array, loss: Loss | None) -> tuple[Float[Array, " r"], Float[Array, " linear"]]:
         """The residuals (r,) at the best values of the linear unknowns, and these values."""
-        del loss
         return residuals, jnp.zeros(0, residuals.dtype)
 
     def residuals(self, parameters: Any, body: Any, states: AnyState) -> Float[Array, " r"]:

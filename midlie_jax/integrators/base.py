@@ -24,13 +24,7 @@ from .verdict import FINE, earlier, is_fine
 
 
 class Progress(NamedTuple):
-    """The carry of a run from step to step.
-
-    Attributes:
-        motion: momentum and pose.
-        force: the torque at this motion if the method keeps it from step to step, else None.
-        verdict: the verdict of the first step that failed, or fine, (); see `methods.verdict`.
-    """
+    """The carry of a run from step to step: motion, force there if the method keeps it, and verdict so far."""
 
     motion: AnyMotion
     force: Any
@@ -38,7 +32,6 @@ class Progress(NamedTuple):
 
     @property
     def ok(self) -> Any:
-        """Whether all steps so far succeeded, ()."""
         return is_fine(self.verdict)
 
 
@@ -55,13 +48,13 @@ class Method(eqx.Module):
         evaluations: torque evaluations per step.
     """
 
-    name: eqx.AbstractVar[str]
-    order: eqx.AbstractVar[int]
-    symmetric: eqx.AbstractVar[bool]
-    symplectic: eqx.AbstractVar[bool]
-    keeps_momentum: eqx.AbstractVar[bool]
-    bodies: eqx.AbstractVar[type]
-    evaluations: eqx.AbstractVar[int]
+    name: str = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+    bodies: type[Any] = eqx.field(static=True)
+    evaluations: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)
+    symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
 
     @property
     def keeps_energy(self) -> bool:
@@ -86,8 +79,7 @@ class Method(eqx.Module):
         """Steps per iteration of the loop over steps.
 
         With two, XLA's CPU compiler need not copy the arrays, but compilation takes longer. On an accelerator an
-        iteration costs at least two kernel launches, and reads and writes the state once; it therefore has as many
-        steps as fit one kernel.
+        iteration costs at least two kernel launches; it therefore has as many steps as fit one kernel.
         """
         return 1
 
@@ -98,7 +90,6 @@ class Method(eqx.Module):
 
     def loops_for(self, system: System) -> bool:
         """Whether a step of this system contains a loop over stages or a solver loop."""
-        del system
         return self.solves > 0
 
     def is_one_loop(self, system: System) -> bool:
@@ -120,12 +111,7 @@ class Method(eqx.Module):
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def stability_limit(self, direction: complex) -> float:
-        """The largest stable h |lambda| if disturbances grow as exp(lambda t) under the torque; infinity if unknown.
-
-        Args:
-            direction: lambda / |lambda|: 1j for an oscillation, -1 for a decay.
-        """
-        del direction
+        """The largest stable h |lambda| if disturbances grow as exp(lambda t); `direction` is lambda / |lambda|."""
         return math.inf
 
     def moves(self, body: Body) -> bool:
@@ -143,24 +129,13 @@ class Method(eqx.Module):
         Raises:
             ValueError: the moments are concrete, and the method does not support them.
         """
-        del body
         return self
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises a ValueError if the method does not support this body under this torque, as far as their numbers show.
-
-        Args:
-            batch: number of leading axes of the state that are a batch.
-        """
+        """Raises unless the method supports this body under this torque, as far as their numbers show."""
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
-        """The system of a run: `System.of`, with the bath of the torque if there is one.
-
-        Args:
-            body, torque, start: as for `midlie_jax.integrate`.
-            t, h: the first time and the step.
-        """
-        del h
+        """The system of a run: `System.of`, with the bath of the torque if there is one."""
         return System.of(body, torque, start, t)
 
     @abstractmethod
@@ -176,15 +151,10 @@ class Method(eqx.Module):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """One step from t0 to t1 = t0 + h.
+        """One step of h from t0 to t1, from the force at t0 if `keeps_force`, else None.
 
-        Args:
-            system, motion: a `System` and a `Motion`.
-            h: the signed step. A step of zero must return the motion unchanged, bit for bit, and the force at t0.
-            force: the force at t0 if `keeps_force`, else None.
-
-        Returns:
-            The motion at t1, the force at t1 if `keeps_force`, else None, and a verdict, or whether the step succeeded.
+        A step of zero must return the motion unchanged, bit for bit, and the force at t0. Returns the motion at t1, the
+        force at t1 if `keeps_force`, else None, and a verdict, or whether the step succeeded.
         """
 
     def step_back(
@@ -196,13 +166,7 @@ class Method(eqx.Module):
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """`step`, called for its derivative only, after `step_back` went from the end of the step to its start.
-
-        Args:
-            system, t0, t1, h, motion, force: as for `step`.
-            known: the last result of `step_back`.
-        """
-        del known
+        """`step`, for its derivative only, after `step_back`, whose last result is `known`, took it back."""
         return self.step(system, t0, t1, h, motion, force)
 
     def advance(
@@ -218,17 +182,14 @@ class Method(eqx.Module):
         """One step as used by every driver: one loop in the compiled program, and one loop in its derivative.
 
         Args:
-            system: the body, the torque and the kind of state.
             clock: the argument of `times`, a pytree.
             times: maps the clock to t0, t1 and a pytree of further results to compute in the same loop.
-            h: the signed step.
-            progress: the progress before the step.
             axes: the axes of a mesh of devices along which the run varies.
             step: `step` if None; or `step_back`, or `step_again` with its argument `known` filled in.
 
         Returns:
             The progress after the step, and the further results of `times`; for `step_back` a pair of these and
-            `known`.
+                `known`.
         """
         carry, loops = (clock, h, progress), self.loops_for(system)  # loops make copies in each iteration
         shared = not (loops or self.is_one_loop(system))

@@ -44,12 +44,8 @@ _LARGEST = 0.5  # of h kT tr M: six standard deviations of a random rotation are
 
 
 class Mobility(NamedTuple):
-    """The inverse of a friction in principal axes, as three numbers or three rows, or one number in every direction.
-
-    Attributes:
-        inverse: M.
-        bend: the matrix K of the covariance 2 s (M + s K / 2), s = h kT.
-        trace: of M.
+    """The inverse M of a friction in principal axes, as three numbers or three rows; the K of the covariance 2 s (M + s
+    K / 2), s = h kT; and the trace of M.
     """
 
     inverse: Any
@@ -72,12 +68,10 @@ class Mobility(NamedTuple):
         return cls(rows(inverse), rows(bend), trace)
 
     def rotation(self, s: Array, noise: cp.Vector) -> cp.Vector:
-        """The random rotation vector in the time of s = h kT."""
         covariance = [cp.tree_add(m, _scaled(s / 2, k)) for m, k in zip(self.inverse, self.bend, strict=True)]
         return cp.scale(cp.root(2 * s), _root_times(tuple(covariance), noise))
 
     def shift(self, s: Array, noise: cp.Vector) -> cp.Vector:
-        """The random displacement, in the body frame."""
         return cp.scale(cp.root(2 * s), _root_times(self.inverse, noise))
 
 
@@ -131,7 +125,6 @@ class Brownian(Method):
         return False
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises if a friction is zero."""
         _, bath = without_bath(torque)
         for name in ("friction", "linear_friction"):
             friction = getattr(bath, name, None)
@@ -164,7 +157,6 @@ class Brownian(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del force
         motion, first = _diffused(system, t0, h, motion, 0)
         middle, _ = _driven(system, t0, h / 2, h, motion, motion)
         motion, turn = _driven(system, t0 + h / 2, h, h, middle, motion)
@@ -229,7 +221,6 @@ def _driven(
 
 
 def _turned(system: System, orientation: Any, turn: cp.Vector, h: Array) -> Any:
-    """The orientation after a rotation, in the frame of the momentum."""
     w = cp.scale(0.5, turn)
     if not system.kind.leaves[0].in_space:
         return system.turned(orientation, cp.square(half_turn(w)), h)

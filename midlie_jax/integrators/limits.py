@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .formula import Formula
-from .scheme import Scheme
-from .stages import BATH, KICK
+from .formulas import Formula
+from .scheme import BATH, KICK, Scheme
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
@@ -73,11 +72,9 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
     z = x * direction
 
     def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
-        del time
         return Motion(part * z * motion.momentum, ())
 
     def pause(fresh: Any, older: Any, evaluations: int) -> tuple[Any, Any, bool]:
-        del evaluations
         return fresh, older, False
 
     change = formula.change(rates, pause, Motion(np.ones_like(z), ()))

@@ -4,12 +4,7 @@ from collections.abc import Mapping
 
 
 class Listing(list[str]):
-    """A list of names, best first, that prints as a table.
-
-    Attributes:
-        uses: for each name, when to use it.
-        note: a line printed below the table.
-    """
+    """A list of names, best first, that prints as a table of when to use each; the `note` is a line below the table."""
 
     def __init__(self, uses: Mapping[str, str], note: str = ""):
         super().__init__(uses)

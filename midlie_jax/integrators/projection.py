@@ -51,12 +51,7 @@ class _Gradient(NamedTuple):
 
 
 class _Invariant(NamedTuple):
-    """An invariant of a step, as functions of the motion.
-
-    Attributes:
-        change: its change since the start, in a unit of momentum.
-        gradient: its derivative.
-    """
+    """An invariant of a step: its change since the start, in a unit of momentum, and its derivative."""
 
     change: Callable[[AnyMotion], Array]
     gradient: Callable[[AnyMotion], _Gradient]
@@ -65,10 +60,9 @@ class _Invariant(NamedTuple):
 def projected(
     system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion
 ) -> tuple[AnyMotion, Array | bool]:
-    """The end of a step of h from t0 to t1, changed so that the invariants have their values at its start.
+    """The end of a step of h, with the invariants of its start, and whether this succeeded.
 
-    Also returns whether it succeeded: False if the energy is known and differs from its value at the start beyond
-    rounding.
+    False if the energy is known and differs from its value at the start beyond rounding.
     """
     energy = _energy(system, t0, t1, h, start)
     if energy is None:
@@ -132,7 +126,6 @@ def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[
 
 
 def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) -> _Invariant | None:
-    """The energy; None if unknown, or if the torque has no potential or a time-dependent one."""
     inertia: Inertia = system.inertia
     if system.reads_momentum or (system.torque is not None and _potential(system, t0, start) is None):
         return None

@@ -126,7 +126,6 @@ def entries() -> dict[str, Entry]:
 
 
 def families() -> dict[str, Callable[[Scheme], Method]]:
-    """The classes of methods that the applications make from a scheme."""
     return {name: family for room in _ROOMS for name, family in import_module(room).FAMILIES.items()}
 
 
@@ -215,9 +214,7 @@ def methods_of_figure_1() -> list[Method]:
 
 
 def exact_flight(body: Body) -> Flight:
-    """The fastest exact flight for the rotation of one body: a rigid body or a `SymmetricRotor`, which may
-    translate.
-    """
+    """The fastest exact flight for the rotation of a rigid body or a `SymmetricRotor`, which may translate."""
     turning: Any = principal_of(body).turning
     exact = [flight for flight in FLIGHTS.values() if isinstance(turning, flight.bodies) and flight.order is None]
     fastest_first = sorted(exact, key=lambda flight: not flight.equal_moments)

@@ -2,8 +2,8 @@
 
 They are not symplectic and do not conserve the spatial momentum of a free body. The energy drifts over a long run
 unless each step ends with a projection (`projection.py`). For a run of few rotations under a strong torque they need
-the least work of all methods, at any accuracy. The change in a step is a `Formula`: a tableau (`tableau.py`) or an
-extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch, whose stages stay in
+the least work of all methods, at any accuracy. The change in a step is a `Formula`: a tableau or an
+extrapolation (`formulas.py`). Written on components, the step is one loop over the batch, whose stages stay in
 registers and the first-level cache.
 """
 
@@ -21,10 +21,9 @@ from .._xla.fusion import cut, fuse_derivative, fuse_derivative_of_many
 from .._xla.platform import on_cpu
 from .._xla.rules import count_operations
 from ..model.bodies import Body, RigidBody
-from . import tableau
+from . import formulas
 from .base import Method
-from .extrapolation import Extrapolation
-from .formula import Formula
+from .formulas import Extrapolation, Formula
 from .limits import runge_kutta_limit
 from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
@@ -36,30 +35,16 @@ _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gr
 class RungeKutta(Method):
     """The Runge-Kutta method of a formula. At the end of each step, one Newton step rescales the pose to unit length.
 
-    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula. It also does so if the step
-    is too long for a projection to restore the energy to rounding.
-
-    Attributes:
-        formula: the change of momentum and pose in a step.
-        projects: whether the step ends with a projection that restores the energy (`projection.py`).
+    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula, or if it is too long for a
+    projection (`projects`, see `projection.py`) to restore the energy to rounding.
     """
 
     formula: Formula = eqx.field(static=True)
     projects: bool = eqx.field(static=True)
-    name: str = eqx.field(static=True)
-    order: int = eqx.field(static=True)
-    symmetric: bool = eqx.field(static=True)
-    symplectic: bool = eqx.field(static=True)
-    keeps_momentum: bool = eqx.field(static=True)
-    bodies: type = eqx.field(static=True)
-    evaluations: int = eqx.field(static=True)
 
     def __init__(self, name: str, formula: Formula, *, projects: bool = False):
-        self.formula = formula
-        self.name = name
-        self.order = formula.order
         self.symmetric = self.symplectic = self.keeps_momentum = False
-        self.projects = projects
+        self.name, self.formula, self.order, self.projects = name, formula, formula.order, projects
         self.bodies = RigidBody if projects else Body
         self.evaluations = formula.evaluations + (_OF_PROJECTION if projects else 0)
 
@@ -95,7 +80,6 @@ class RungeKutta(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        del force
 
         def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
             known = isinstance(part, float)  # in a loop they are traced, and the time is not at an end of the step
@@ -144,12 +128,11 @@ class RungeKutta(Method):
 
 @exact_jit
 def _rates(system: System, t: Array, h: Array, motion: AnyMotion) -> AnyMotion:
-    """h times the rates of change at the time t, traced once for all evaluations of a step."""
     return system.rates(motion, h, None if system.torque is None else system.force(t, motion))
 
 
-RK4 = RungeKutta("RK4", tableau.RK4)
-DOP853 = RungeKutta("DOP853", tableau.DOP853)
+RK4 = RungeKutta("RK4", formulas.RK4)
+DOP853 = RungeKutta("DOP853", formulas.DOP853)
 GBS8 = RungeKutta("GBS8", Extrapolation(4, 4.0))
 GBS10 = RungeKutta("GBS10", Extrapolation(5, 4.0))
 GBS12 = RungeKutta("GBS12", Extrapolation(6, 5.0))

@@ -8,14 +8,14 @@ from typing import Any
 
 from . import rkn8 as _rkn8
 from .listing import Listing
+from .scheme import BATH as BATH
+from .scheme import FLIGHT as FLIGHT
+from .scheme import KICK as KICK
 from .scheme import Scheme as Scheme
+from .scheme import measured_order as measured_order
+from .scheme import measured_weak_order as measured_weak_order
 from .scheme import own_scheme
-from .scheme_order import measured_order as measured_order
-from .scheme_order import measured_weak_order as measured_weak_order
-from .stages import BATH as BATH
-from .stages import FLIGHT as FLIGHT
-from .stages import KICK as KICK
-from .stages import run as run
+from .scheme import run as run
 
 _KRYSL = "Krysl, Explicit time integrators for nonlinear dynamics derived from the midpoint rule, 2004"
 E1 = own_scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL, use="the paper's first Euler method; EA costs no more")
@@ -31,10 +31,6 @@ EA = own_scheme(
 EA_STAR = own_scheme(
     "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="like EA, with the torque at mid-step"
 )
-
-
-def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
-    return (*half, centre, *reversed(half))
 
 
 def _composed(name: str, order: int, factors: tuple[float, ...], source: str, use: str) -> Scheme:
@@ -61,27 +57,32 @@ def _alternating(
     return own_scheme(name, order, tuple(stages), source, **options)
 
 
-def _odd_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
-    """`half`, a centre that makes the sum 1, and `half` reversed."""
-    return _mirrored(half, 1 - 2 * sum(half))
+def _floats(numbers: Any) -> tuple[float, ...]:
+    return tuple(map(float, numbers.split() if isinstance(numbers, str) else numbers))
 
 
-def _even_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
-    """`half`, two equal central entries that make the sum 1, and `half` reversed."""
-    first_half = (*half, 0.5 - sum(half))
-    return (*first_half, *reversed(first_half))
-
-
-def _repeated(half: tuple[str, ...]) -> tuple[float, ...]:
-    """These numbers, then the same in reverse."""
-    first_half = tuple(map(float, half))
-    return (*first_half, *reversed(first_half))
-
-
-def _about_the_last(half: tuple[str, ...]) -> tuple[float, ...]:
+def _mirrored(half: Any) -> tuple[float, ...]:
     """These numbers, then all but the last in reverse."""
-    *first_half, centre = map(float, half)
-    return _mirrored(tuple(first_half), centre)
+    half = _floats(half)
+    return (*half, *half[-2::-1])
+
+
+def _odd_palindrome(half: Any) -> tuple[float, ...]:
+    """`half`, a centre that makes the sum 1, and `half` reversed."""
+    half = _floats(half)
+    return _mirrored((*half, 1 - 2 * sum(half)))
+
+
+def _even_palindrome(half: Any) -> tuple[float, ...]:
+    """`half`, two equal central entries that make the sum 1, and `half` reversed."""
+    half = _floats(half)
+    return _repeated((*half, 0.5 - sum(half)))
+
+
+def _repeated(half: Any) -> tuple[float, ...]:
+    """These numbers, then the same in reverse."""
+    half = _floats(half)
+    return (*half, *reversed(half))
 
 
 _CUBE = 2 ** (1 / 3)
@@ -102,14 +103,14 @@ SUZUKI = _composed(
 YOSHIDA6 = _composed(
     "Y6",
     6,
-    _odd_palindrome((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
+    _odd_palindrome("0.78451361047755726382 0.23557321335935813368 -1.17767998417887100695"),
     "Yoshida, Phys. Lett. A 150 (1990) 262, solution A",
     "an inexact flight, with the fewest flights at this order",
 )
 KAHAN_LI6 = _composed(
     "KL6",
     6,
-    _odd_palindrome((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
+    _odd_palindrome("0.39216144400731413928 0.33259913678935943860 -0.70624617255763935981 0.08221359629355080023"),
     "Kahan & Li, Math. Comp. 66 (1997) 1089",
     "an inexact flight; smaller error than Y6",
 )
@@ -117,15 +118,8 @@ SUZUKI_UMENO8 = _composed(
     "SU8",
     8,
     _odd_palindrome(
-        (
-            0.74167036435061295345,
-            -0.40910082580003159400,
-            0.19075471029623837995,
-            -0.57386247111608226666,
-            0.29906418130365592384,
-            0.33462491824529818378,
-            0.31529309239676659663,
-        )
+        "0.74167036435061295345 -0.40910082580003159400 0.19075471029623837995 -0.57386247111608226666 "
+        "0.29906418130365592384 0.33462491824529818378 0.31529309239676659663"
     ),
     "Suzuki & Umeno 1993; Hairer, Lubich & Wanner, Geometric Numerical Integration, V.3.2",
     "an inexact flight",
@@ -134,16 +128,8 @@ KAHAN_LI8 = _composed(
     "KL8",
     8,
     _odd_palindrome(
-        (
-            0.13020248308889008088,
-            0.56116298177510838456,
-            -0.38947496264484728641,
-            0.15884190655515560090,
-            -0.39590389413323757734,
-            0.18453964097831570709,
-            0.25837438768632204729,
-            0.29501172360931029887,
-        )
+        "0.13020248308889008088 0.56116298177510838456 -0.38947496264484728641 0.15884190655515560090 "
+        "-0.39590389413323757734 0.18453964097831570709 0.25837438768632204729 0.29501172360931029887"
     ),
     "Kahan & Li, Math. Comp. 66 (1997) 1089",
     "an inexact flight; smaller error than SU8",
@@ -153,8 +139,8 @@ BM4 = _alternating(
     "BM4",
     4,
     FLIGHT,
-    _odd_palindrome((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
-    _even_palindrome((0.209515106613362, -0.143851773179818)),
+    _odd_palindrome("0.0792036964311957 0.353172906049774 -0.0420650803577195"),
+    _even_palindrome("0.209515106613362 -0.143851773179818"),
     _BLANES_MOAN + ", S6",
     use="an exact flight, any torque; SRKN6b has the smaller error",
 )
@@ -162,8 +148,8 @@ SRKN6B = _alternating(
     "SRKN6b",
     4,
     KICK,
-    _odd_palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
-    _even_palindrome((0.245298957184271, 0.604872665711080)),
+    _odd_palindrome("0.0829844064174052 0.396309801498368 -0.0390563049223486"),
+    _even_palindrome("0.245298957184271 0.604872665711080"),
     _BLANES_MOAN,
     use="four to six digits, any torque that does not read the momentum",
     leading=True,
@@ -172,10 +158,8 @@ SRKN11B = _alternating(
     "SRKN11b",
     6,
     KICK,
-    _even_palindrome(
-        (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)
-    ),
-    _odd_palindrome((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
+    _even_palindrome("0.0414649985182624 0.198128671918067 -0.0400061921041533 0.0752539843015807 -0.0115113874206879"),
+    _odd_palindrome("0.123229775946271 0.290553797799558 -0.127049212625417 -0.246331761062075 0.357208872795928"),
     _BLANES_MOAN,
     use="six to nine digits, fewer evaluations than SRKN14a",
     leading=True,
@@ -185,26 +169,11 @@ SRKN14A = _alternating(
     6,
     FLIGHT,
     _mirrored(
-        (
-            0.0378593198406116,
-            0.102635633102435,
-            -0.0258678882665587,
-            0.314241403071477,
-            -0.130144459517415,
-            0.106417700369543,
-            -0.00879424312851058,
-        ),
-        0.207305069056835,
+        "0.0378593198406116 0.102635633102435 -0.0258678882665587 0.314241403071477 -0.130144459517415 "
+        "0.106417700369543 -0.00879424312851058 0.207305069056835",
     ),
     _even_palindrome(
-        (
-            0.091719152624462,
-            0.183983170005006,
-            -0.056534365832888,
-            0.004914688774713,
-            0.143761127168358,
-            0.328567693746804,
-        )
+        "0.091719152624462 0.183983170005006 -0.056534365832888 0.004914688774713 0.143761127168358 0.328567693746804"
     ),
     _BLANES_MOAN,
     use="six digits and more, smaller error than SRKN11b",
@@ -213,8 +182,8 @@ SRKN14A = _alternating(
 _FOUND = "found by a search for this package: midlie_jax/integrators/rkn8.py"
 
 
-def _of_order_8(name: str, flights: tuple[str, ...], kicks: tuple[str, ...], use: str) -> Scheme:
-    halves = _repeated(flights), _about_the_last(kicks)
+def _of_order_8(name: str, flights: str, kicks: str, use: str) -> Scheme:
+    halves = _repeated(flights), _mirrored(kicks)
     return _alternating(name, 8, FLIGHT, *halves, _FOUND, use=use, leading=True)
 
 
@@ -282,15 +251,12 @@ ABADABA = _alternating(
 )
 
 # For nearly free motion: fast tops in weak fields.
-_FAR, _NEAR = (
-    (525 + 70 * 30**0.5) ** 0.5 / 70,
-    (525 - 70 * 30**0.5) ** 0.5 / 70,
-)  # Gauss's points on [-1, 1], halved
+_FAR, _NEAR = ((525 + sign * 70 * 30**0.5) ** 0.5 / 70 for sign in (1, -1))  # Gauss's points on [-1, 1], halved
 ABA82 = _alternating(
     "ABA82",
     2,
     FLIGHT,
-    _mirrored((0.5 - _FAR, _FAR - _NEAR), 2 * _NEAR),
+    _mirrored((0.5 - _FAR, _FAR - _NEAR, 2 * _NEAR)),
     _even_palindrome((0.25 - 30**0.5 / 72,)),
     "McLachlan, BIT 35 (1995) 258: Gauss's quadrature; Laskar & Robutel, Celest. Mech. 80 (2001) 39, SABA4",
     small=8,
@@ -300,8 +266,8 @@ ABA1064 = _alternating(
     "ABA1064",
     4,
     FLIGHT,
-    _odd_palindrome((0.03809449742241219546, 0.14529871611691374940, 0.20762769572554125072, 0.43590970365152615922)),
-    _even_palindrome((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
+    _odd_palindrome("0.03809449742241219546 0.14529871611691374940 0.20762769572554125072 0.43590970365152615922"),
+    _even_palindrome("0.09585888083707521061 0.20444615314299878068 0.21707034797899110171"),
     "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58: ABA1064",
     small=10,
     use="fast tops in weak fields, high accuracy",

@@ -21,29 +21,16 @@ from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
 from .limits import decay_limit, oscillator_limit
-from .scheme import Scheme
-from .stages import BATH, FLIGHT, KICK, run
+from .scheme import BATH, FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
 from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
 
 class Splitting(Method):
-    """The method of a flight and a scheme.
-
-    Attributes:
-        flight: the torque-free motion.
-        scheme: the table of kicks and flights; if the flight is exact, adjacent flights are merged.
-    """
+    """The method of a flight and a scheme; if the flight is exact, adjacent flights are merged."""
 
     flight: Flight
     scheme: Scheme = eqx.field(static=True)
-    name: str = eqx.field(static=True)
-    order: int = eqx.field(static=True)
-    symmetric: bool = eqx.field(static=True)
-    symplectic: bool = eqx.field(static=True)
-    keeps_momentum: bool = eqx.field(static=True)
-    bodies: type = eqx.field(static=True)
-    evaluations: int = eqx.field(static=True)
 
     def __init__(self, flight: Flight, scheme: Scheme, name: str):
         self.flight = flight
@@ -166,16 +153,9 @@ class Splitting(Method):
             stages = stages._replace(system=system)
             return motion
 
-        def kick(*given: Any) -> AnyMotion:
-            return stages.kick(*given)
-
-        def evaluate(*given: Any) -> Any:
-            return stages.evaluate(*given)
-
-        def bathe(*given: Any) -> AnyMotion:
-            return stages.bathe(*given)
-
-        motion, force = run(self.scheme, fly, kick, evaluate, motion, force, bathe)
+        # Each call takes the `stages` at its time.
+        parts = fly, lambda *given: stages.kick(*given), lambda *given: stages.evaluate(*given)
+        motion, force = run(self.scheme, *parts, motion, force, lambda *given: stages.bathe(*given))
         return motion, force, ok
 
     def _after_unrolled_flight(self, system: System, motion: AnyMotion) -> AnyMotion:
@@ -194,9 +174,8 @@ class Splitting(Method):
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
-        If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. No
-        iteration then passes a force to the next one; for a short flight, these passes over memory would take a large
-        part of the run time.
+        If the step begins with a kick, this kick precedes the loop. No iteration then passes a force to the next one;
+        for a short flight, these passes over memory would take a large part of the run time.
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
@@ -267,11 +246,8 @@ class _Stages(NamedTuple):
     """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
 
     Attributes:
-        flight, system, t0, t1, h: of the step.
-        displaced: of the scheme.
         flown: a list to which each flight adds the known parts of its reverse; or None.
-        known: a list of the known parts of the flights, from the last to the first, or None; each flight removes its
-            entry.
+        known: the known parts of the flights, from the last to the first, or None; each flight removes its entry.
     """
 
     flight: Flight

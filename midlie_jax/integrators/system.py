@@ -13,7 +13,7 @@ from .._xla import budgets
 from .._xla.fusion import split
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.placement import Placement
-from .._xla.replay import Traced, Traits
+from .._xla.replay import Traced
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
@@ -47,12 +47,7 @@ class System(NamedTuple):
 
     Attributes:
         inertia: the constants of the body, `Body.inertia()`.
-        torque: a function of (t, state), or None.
-        kind: how a run moves the states.
-        reads_momentum: whether the torque depends on the momentum, such as damping and control.
-        placement: where a step evaluates the torque.
         frame: the quaternion from principal components to the user's; None if both agree.
-        bath: the heat bath, or None.
         by_step: whether a part of the torque has a constant value in each step; see `in_step`.
         traced: the torque from its trace; None without a torque.
     """
@@ -71,46 +66,28 @@ class System(NamedTuple):
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
         """The system of a body and a torque. The torque is traced once, at the time t and the state `start`.
 
-        Args:
-            body, torque, start, t: see above.
-            whole: whether momenta and poses have the form of `start.parts` even for a few coupled bodies.
-
-        Raises:
-            ValueError: the torque needs concrete numbers where JAX has tracers.
+        With `whole`, momenta and poses have the form of `start.parts` even for a few coupled bodies. Raises a
+        ValueError if the torque needs concrete numbers where JAX has tracers.
         """
-        if torque is None:
-            return cls._of(body, None, start, None, reads=False, whole=whole)
-        torque = on_body(torque, body)
-        values = values_in_step(torque, t, t, t)
-        try:
-            traced, found = Traced.of(OfValues(torque), values, t, start)
-        except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
-            raise ValueError(
-                "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
-                f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
-            ) from error
-        read = found.reads[1]
-        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.kind.momenta)
-        system = cls._of(body, torque, start, found, reads=reads, whole=whole)
-        return system._replace(by_step=bool(values), traced=traced)
-
-    @classmethod
-    def _of(
-        cls,
-        body: Body,
-        torque: TorqueLike | None,
-        start: AnyState,
-        found: Traits | None,
-        *,
-        reads: bool,
-        whole: bool,
-    ) -> "System":
+        traced, found, values, reads = None, None, (), False
+        if torque is not None:
+            torque = on_body(torque, body)
+            values = values_in_step(torque, t, t, t)
+            try:
+                traced, found = Traced.of(OfValues(torque), values, t, start)
+            except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
+                raise ValueError(
+                    "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
+                    f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
+                ) from error
+            reads = velocity_dependent(torque) or any(getattr(found.reads[1], name) for name in start.kind.momenta)
         kind = start.kind if whole else start.kind.of_run(start, found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         costly = found is not None and (found.costly or kind.several)
         long = found is not None and (found.operations if kind == start.kind else found.scalars) > budgets.LONG_TORQUE
         inertia, frame = kind.constants(inertia, frame)
-        return cls(inertia, torque, kind, reads, Placement.of(costly=costly, long=long, apart=kind.apart), frame)
+        placement = Placement.of(costly=costly, long=long, apart=kind.apart)
+        return cls(inertia, torque, kind, reads, placement, frame, by_step=bool(values), traced=traced)
 
     def by_entries(self) -> "System":
         """The system with the parameters of the torque as the scalars that a step reads."""
@@ -120,11 +97,9 @@ class System(NamedTuple):
         """The system and the carry at the start of a loop of a step, by `begin` of `_xla/fusion.py`.
 
         The cotangents of the constants of body and bath leave the derivative of the loop in the loop of the motion.
-        Without this, each would have a separate loop, with much of the derivative of the step.
-
-        Args:
-            shared: whether the bodies of a batch share the constants. Each then has a copy for the derivative; the
-                cotangents would otherwise be summed over the bodies at every use of a constant.
+        Without this, each would have a separate loop, with much of the derivative of the step. If the bodies of a batch
+        share the constants, each has a copy for the derivative; the cotangents would otherwise be summed over the
+        bodies at every use.
         """
         # The rows of a copy lack the axes of a mesh that are part of the array types.
         if not shared or jax.sharding.get_abstract_mesh().explicit_axes:
@@ -163,7 +138,6 @@ class System(NamedTuple):
         return self.torque is not None and not self.reads_momentum and not self.by_step
 
     def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
-        """The motion after bath stage number `stage` of the step, with coefficient b, at the time t."""
         assert self.bath is not None
         for bath, own, index in self.bath.sequence(b, stage):
             root = None if bath.root is None else bath.root(t)
@@ -221,7 +195,6 @@ class System(NamedTuple):
         return system, Motion(motion.momentum.angular, motion.pose.orientation)
 
     def rotations(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
-        """The rotation of each body that is moved separately."""
         return [own.rotating(one) for own, one in self.members(motion)]
 
     def travelled(self, h: Array, motion: AnyMotion, rotated: AnyMotion) -> AnyMotion:
@@ -256,9 +229,6 @@ class System(NamedTuple):
         body without translation is rotated by the Rodrigues vector d/2, and the torque is rotated back. A torque
         without a component about a space-fixed direction therefore keeps this property, and the kick conserves the
         momentum about that direction. For a body that also translates, both are done to first order.
-
-        Raises:
-            ValueError: the torque depends on the momentum.
         """
         if self.torque is None:
             return _zeros(motion.momentum)
@@ -286,14 +256,11 @@ class System(NamedTuple):
             )
 
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
-        """The torque of the potential V - weight T . I^-1 T.
+        """The torque of the potential V - weight T . I^-1 T; raises a ValueError if the torque depends on the momentum.
 
         The torque is T + 2 weight (dT + w x T), with w = I^-1 T and dT the rate of change of T while the body rotates
         with the angular velocity w. The cross product arises because derivatives of a potential along the body axes do
         not commute; for particles it is absent.
-
-        Raises:
-            ValueError: the torque depends on the momentum.
         """
         if self.torque is None:
             return _zeros(motion.momentum)

@@ -1,10 +1,8 @@
 """A verdict: an integer from each step, which shows whether the step can be trusted and, if not, why.
 
-It is the index of the member of `midlie_jax.RESULTS` that the path of the run returns.
-
-A run carries the verdict of its first step that failed, at the cost of one more select per step than a boolean. A
-flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is not
-finite. The largest share in a step counts.
+It is the index of the member of `midlie_jax.RESULTS` that the path of the run returns, from the first step that failed.
+A flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is
+not finite. The largest share in a step counts.
 """
 
 from typing import Any
@@ -19,12 +17,9 @@ FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNS
 
 
 def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
-    """The verdict of a step whose solve succeeded and whose sizes are within their bounds.
+    """The verdict of a step whose solve succeeded and whose sizes are within their bounds, in pairs.
 
-    Args:
-        solved: whether the step solved its equation.
-        within: pairs of a size and its largest allowed value. If all sizes are NaN, the step started with a number that
-            is not finite.
+    If all sizes are NaN, the step started with a number that is not finite.
     """
     good, beyond, number = jnp.asarray(solved), jnp.asarray(False), jnp.asarray(not within)
     for size, bound in within:
@@ -58,13 +53,7 @@ def of_all(ok: Array | bool) -> Array | bool:
 
 
 def at_start(body: Any, finite: Array | bool = True, counted: Array | bool = True) -> Array:
-    """The verdict before the first step.
-
-    Args:
-        body: must be possible.
-        finite: whether the start is finite.
-        counted: whether 32 bits count the steps.
-    """
+    """The verdict before the first step; `counted`: whether 32 bits count the steps."""
     good = jnp.where(finite, jnp.where(counted, FINE, UNCOUNTED), NOT_FINITE)
     return jnp.where(body.is_possible(), good, IMPOSSIBLE)
 

@@ -19,8 +19,8 @@ from .._xla.fusion import split
 from .._xla.structure import once_for_numbers
 from ..integrators.base import Method
 from ..integrators.scheme import Scheme
-from ..integrators.stages import BATH as BATH
-from ..integrators.stages import KICK as KICK
+from ..integrators.scheme import BATH as BATH
+from ..integrators.scheme import KICK as KICK
 from ..integrators.system import AnyMotion, Motion, System
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, described
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import SeriesOfArrays
+from .series import Series
 from .spread import Sums, mean_and_error, sums_of
 
 _PIECE = 64  # times that are combined with all lags at once
@@ -41,16 +41,14 @@ class Correlation(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """The values carried for n bodies from one block of values to the next.
-
-    If the mean is removed, `reference` is the first value and is subtracted from all, and m2 = m; else m2 is 0.
+    """The values carried for n bodies from one block of values to the next; m2 = m if the mean is removed, else 0.
 
     Attributes:
         counted: (n,), number of values counted.
-        reference: (n, m2).
+        reference: (n, m2), the first value, which is subtracted from all.
         first, last: (n, lags, m2) and (n, lags, m), the first and the last values that counted.
-        high, low: (n, lags + 1 + m2), the sums of the products and of the values; the low part is the rounding error of
-            the high part.
+        high, low: (n, lags + 1 + m2), the sums of the products and of the values, and the rounding errors of these
+            sums.
     """
 
     counted: Array
@@ -61,13 +59,8 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Products(SeriesOfArrays):
-    """Sums of x(t) x(t + lag) of each body.
-
-    Attributes:
-        lags: the largest lag, in intervals between saved values.
-        centred: whether the mean of x over all bodies and times is removed first.
-    """
+class Products(Series):
+    """Sums of x(t) x(t + lag) of each body; attributes as for `Autocorrelation`."""
 
     lags: int = eqx.field(static=True)
     centred: bool = eqx.field(static=True)
@@ -88,7 +81,6 @@ class Products(SeriesOfArrays):
         return Carried(jnp.zeros(bodies, jnp.int32), *(jnp.zeros(shape, x.dtype) for shape in shapes))
 
     def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
-        """In pieces that stay in the cache while all lags read them; the last one is padded."""
         n, k, m = x.shape
         size = min(k, _PIECE)
         pieces = -(-k // size)

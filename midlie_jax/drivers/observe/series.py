@@ -20,25 +20,27 @@ class Series(Statistic):
 
     fields: ClassVar[tuple[str, ...]]  # the names of the results of `of_sums`, beginning with its rows
 
-    @abstractmethod
+    def _begun(self, bodies: int, x: Any) -> Any:
+        """The initial carry of these bodies for one array, a NamedTuple with the field `counted`."""
+        raise NotImplementedError
+
+    def _taken(self, before: Any, x: Array, good: Array) -> Any:
+        """The carry after the values (bodies, k, m) at the next k times; none counts after one that is not `good`."""
+        raise NotImplementedError
+
+    def _sums(self, carried: Any, counted: Array) -> Sums:
+        """`Sums` of the bodies that are `counted`, for one array."""
+        raise NotImplementedError
+
     def begun(self, bodies: int, values: Any) -> Any:
-        """The initial carry of these bodies, a pytree of arrays (bodies, ...).
+        """The initial carry of these bodies, a pytree of arrays (bodies, ...); `values` are of one body at one time."""
+        return jax.tree.map(lambda x: self._begun(bodies, x), values)
 
-        Args:
-            values: the observed values of one body at one time, a pytree of arrays or of their shapes and dtypes.
-        """
-
-    @abstractmethod
     def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        """The carry after the values (bodies, k, ...) at the next k times.
+        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
 
-        Args:
-            good: (bodies, k), whether the value counts; after one that does not, no value of the body counts.
-        """
-
-    @abstractmethod
     def sums(self, carried: Any, counted: Array) -> Any:
-        """`Sums` of these bodies for each observed array, from the carry; only bodies that are `counted` count."""
+        return jax.tree.map(lambda one: self._sums(one, counted), carried, is_leaf=lambda x: hasattr(x, "counted"))
 
     @abstractmethod
     def of_sums(self, sums: Sums, interval: Array) -> Any:
@@ -62,7 +64,6 @@ class Series(Statistic):
         )
 
     def finished(self, merged: Any) -> Any:
-        """The arrays of each `result` by name."""
         return jax.tree.map(lambda found: found._asdict(), merged, is_leaf=lambda x: hasattr(x, "_asdict"))
 
     def row_of(self, name: str) -> str:
@@ -73,28 +74,3 @@ class Series(Statistic):
     def of_bodies(self, values: Any, good: Array, interval: Array) -> Any:
         alone = jax.tree.map(lambda x: x[None], self.part(values, good))
         return self.result(self.merged(alone), interval)
-
-
-class SeriesOfArrays(Series):
-    """A series that treats each observed array alone; its carry is a NamedTuple with the field `counted`."""
-
-    @abstractmethod
-    def _begun(self, bodies: int, x: Any) -> Any:
-        """The initial carry of these bodies for one array."""
-
-    @abstractmethod
-    def _taken(self, before: Any, x: Array, good: Array) -> Any:
-        """The carry after the values (bodies, k, m) at the next k times."""
-
-    @abstractmethod
-    def _sums(self, carried: Any, counted: Array) -> Sums:
-        """`Sums` of these bodies."""
-
-    def begun(self, bodies: int, values: Any) -> Any:
-        return jax.tree.map(lambda x: self._begun(bodies, x), values)
-
-    def taken(self, carried: Any, values: Any, good: Array) -> Any:
-        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
-
-    def sums(self, carried: Any, counted: Array) -> Any:
-        return jax.tree.map(lambda one: self._sums(one, counted), carried, is_leaf=lambda x: hasattr(x, "counted"))

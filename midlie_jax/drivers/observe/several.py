@@ -11,11 +11,7 @@ from .statistics import Statistic
 
 
 def several(statistics: dict[str, Any]) -> Statistic:
-    """The statistics as one, whose results are dicts.
-
-    Raises:
-        ValueError: an entry is no statistic, or some are over times and others are not.
-    """
+    """The statistics as one, whose results are dicts; raises unless all are statistics of one kind."""
     others = [name for name, one in statistics.items() if not isinstance(one, Statistic)]
     if others:
         raise ValueError(
@@ -30,7 +26,7 @@ def several(statistics: dict[str, Any]) -> Statistic:
     return kind(statistics)
 
 
-class _Several(Statistic):
+class SeveralAtOneTime(Statistic):
     statistics: dict[str, Any]
 
     def __init__(self, statistics: dict[str, Any]):
@@ -42,6 +38,9 @@ class _Several(Statistic):
 
     def check(self, saves: int | None) -> None:
         self.each(lambda one: one.check(saves))
+
+    def part(self, values: Any, good: Array) -> Any:
+        return self.each(lambda one, own: one.part(own, good), values)
 
     def merged(self, parts: Any) -> Any:
         return self.each(lambda one, own: one.merged(own), parts)
@@ -58,12 +57,7 @@ class _Several(Statistic):
         }
 
 
-class SeveralAtOneTime(_Several):
-    def part(self, values: Any, good: Array) -> Any:
-        return self.each(lambda one, own: one.part(own, good), values)
-
-
-class SeveralSeries(_Several, Series):
+class SeveralSeries(SeveralAtOneTime, Series):
     fields = ()
 
     def part(self, values: Any, good: Array) -> Any:

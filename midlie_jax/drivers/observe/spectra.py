@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, as_finite, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import SeriesOfArrays
+from .series import Series
 from .spread import Sums, mean_and_error, sums_of
 
 
@@ -42,11 +42,9 @@ class Carried(NamedTuple):
     """The values carried for n bodies from one block of values to the next.
 
     Attributes:
-        time: (n,), number of values so far, the same for all bodies.
-        counted: (n,), number of them that count.
+        time, counted: (n,), number of values so far, the same for all bodies, and number of them that count.
         last: (n, m, segment - 1), the last values.
-        high, low: (n, f), the sum of the densities of all segments; the low part is the rounding error of the high
-            part.
+        high, low: (n, f), the sum of the densities of all segments, and the rounding error of this sum.
     """
 
     time: Array
@@ -56,7 +54,7 @@ class Carried(NamedTuple):
     low: Array
 
 
-class Spectrum(SeriesOfArrays):
+class Spectrum(Series):
     """The one-sided power density over frequency: the mean periodogram over bodies and segments.
 
     The integral over frequency is the variance. Returns a `Density` for each array that the observable returns. The

@@ -46,13 +46,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(s: Array, a: Array, terms: Array, mean: Array, weight: Array, *, relative: bool) -> Sums:
-    """The sums of some bodies.
-
-    Args:
-        s, a, terms: (r, bodies), (r, m, bodies) and (r, bodies); zero for a body that does not count.
-        mean, weight: as in `Sums`.
-        relative: whether the result is the value divided by the first row.
-    """
+    """The sums of some bodies; s, a and terms are zero for a body that does not count."""
     terms_of_all = total(terms, -1)
     value = _ratio(total(s, -1), terms_of_all)
     slope = _slope(value, terms_of_all)

@@ -1,9 +1,8 @@
 """Flights: maps for the torque-free motion of a body for a time h, exact or approximate.
 
 A flight is called with the constants of the body, the time and the momentum. It returns the rotation of the body, the
-change of its momentum, and whether the result is valid. Flights do not depend on how a state stores the orientation. To
-add a flight to the package, write one file and import the class here; `midlie_jax.flights.names()` then lists it, best
-first. To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
+change of its momentum, and whether the result is valid. To add a flight to the package, write one file and import the
+class here; to write one, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
 """
 
 from ..._math import components as components

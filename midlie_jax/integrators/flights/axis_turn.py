@@ -19,10 +19,7 @@ from .base import JudgedFlight
 
 
 class AxisTurn(JudgedFlight):
-    """The flight of a `SymmetricRotor`, used by the methods SYMMETRIC[...]; symplectic, up to 4.4 radians.
-
-    Its increment is a `Swing`, a rotation in the space frame.
-    """
+    """The flight of a `SymmetricRotor` in SYMMETRIC[...]; its increment is a rotation in the space frame."""
 
     name: ClassVar[str] = "SYMMETRIC"
     order: ClassVar[int | None] = None
@@ -41,13 +38,7 @@ class AxisTurn(JudgedFlight):
 
 
 class Circle(NamedTuple):
-    """The motion of a free axis at any time, in closed form: one rotation about the momentum.
-
-    Attributes:
-        momentum: pi.
-        about: the unit vector along it; zero for a body at rest.
-        rate: |pi| / I1.
-    """
+    """The motion of a free axis: one rotation, about the unit vector along pi (zero at rest), at the rate |pi| / I1."""
 
     momentum: cp.Vector
     about: cp.Vector
@@ -62,7 +53,6 @@ class Circle(NamedTuple):
 
     def at(self, t: Array, turns: bool) -> tuple[cp.Vector, Swing, Array]:
         """The momentum, the rotation in the time t, and whether rounding leaves digits of its angle."""
-        del turns
         half = self.rate * t / 2
         sine, one = jnp.sin(half), jnp.ones_like(half)
         swing = Swing(self.about, one, 2 * sine * jnp.cos(half), 2 * sine * sine)

@@ -33,8 +33,6 @@ class Flight(eqx.Module):
         long_derivative: whether the reverse derivative of a flight is so long that it needs its own loop.
         reach: the largest angle of a flight, its time times `turn_rate`, in radians, beyond which `ok` is False;
             infinity if unknown.
-        one_loop: whether one flight compiles to a single loop over the batch; False if its solve is cut into several
-            loops.
 
     Examples:
         >>> cp, half_turn = ml.flights.components, ml.flights.short_series.half_turn
@@ -59,7 +57,6 @@ class Flight(eqx.Module):
     per_loop: ClassVar[int]
     per_kernel: ClassVar[int] = 1
     long_derivative: ClassVar[bool] = True
-    one_loop: ClassVar[bool] = True
     reach: ClassVar[float] = math.inf
 
     def fitted(self, body: Body) -> "Flight":
@@ -68,7 +65,6 @@ class Flight(eqx.Module):
         Raises:
             ValueError: the numbers of the body are concrete, and the flight does not support this body.
         """
-        del body
         return self
 
     @property

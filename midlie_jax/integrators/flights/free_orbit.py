@@ -1,7 +1,7 @@
 """`Orbit`: the motion of one free body in closed form, for `free_motion`.
 
-The momentum of a free body circles one of the body axes. With the axes labelled so that the momentum circles the third,
-and the second is the axis of the middle moment,
+The momentum of a free body circles one of the body axes. With right-handed axes labelled so that the momentum circles
+the third, on its positive side, and the second is the axis of the middle moment (`Labels`),
 
     Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
@@ -37,9 +37,62 @@ from ..._xla.fusion import begin, fuse
 from ..._xla.repeat import repeat
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
-from .free_axes import Labels
-from .jacobi import LARGEST_TURN, Jacobi
-from .jacobi_momentum import Invariants
+from .jacobi import LARGEST_TURN, Invariants, Jacobi
+
+
+class Labels(NamedTuple):
+    """The permutation from body axes to labelled axes.
+
+    Attributes:
+        forward, backward: whether the axes of the body are counted from the next or from the previous axis.
+        exchanged: whether the first and the third axis are then exchanged.
+        side: the sign of the third axis; the momentum is on its positive side.
+    """
+
+    forward: Array
+    backward: Array
+    exchanged: Array
+    side: Array
+
+    @classmethod
+    def of(cls, middle: cp.Vector, weights: cp.Vector, momentum: cp.Vector) -> "Labels":
+        """Labels from the unit vector along the middle axis, the weights w of `free_orbit`, and the momentum."""
+        one = jnp.ones_like(momentum[0])
+        labels = cls(middle[2] > 0, middle[0] > 0, one < 0, one)
+        (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
+        before, after = p1 * p1 * w3, p3 * p3 * w1
+        # On the separatrix the momentum circles neither axis; the choice with the smaller n magnifies rounding less.
+        exchanged = (before > after) | ((before == after) & (w1 > w3))
+        side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -one, one)
+        return labels._replace(exchanged=exchanged, side=side)
+
+    def placed(self, v: cp.Vector) -> cp.Vector:
+        """Numbers given for each axis of the body, rearranged for the labelled axes."""
+        return self._exchange(_rolled(self.forward, self.backward, v))
+
+    def seen(self, v: cp.Vector) -> cp.Vector:
+        """Components along the labelled axes, from components along the body axes."""
+        return self._signed(self.placed(v))
+
+    def back(self, v: cp.Vector) -> cp.Vector:
+        """Components along the body axes, from components along the labelled axes."""
+        return _rolled(self.backward, self.forward, self._exchange(self._signed(v)))
+
+    def _exchange(self, v: cp.Vector) -> cp.Vector:
+        return jnp.where(self.exchanged, v[2], v[0]), v[1], jnp.where(self.exchanged, v[0], v[2])
+
+    def _signed(self, v: cp.Vector) -> cp.Vector:
+        return v[0], jnp.where(self.exchanged, -self.side, self.side) * v[1], self.side * v[2]
+
+
+def _rolled(forward: Array, backward: Array, v: cp.Vector) -> cp.Vector:
+    x, y, z = v
+    return (
+        jnp.where(forward, y, jnp.where(backward, z, x)),
+        jnp.where(forward, z, jnp.where(backward, x, y)),
+        jnp.where(forward, x, jnp.where(backward, y, z)),
+    )
+
 
 _TURN = 1.1  # the largest rotation of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
 _DOUBLINGS = {"float64": 52, "float32": 23}  # after more doublings, no digit of the phase is left

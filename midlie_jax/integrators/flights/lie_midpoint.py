@@ -71,7 +71,6 @@ class LieMidpoint(JudgedFlight):
 @jax.custom_jvp
 def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) -> tuple[cp.Vector, Array]:
     """The root u, with derivatives of any order by the implicit function theorem, and `converged` unchanged."""
-    del quadruple, y
     return u, converged
 
 
@@ -107,8 +106,7 @@ def _improve(
 ) -> tuple[cp.Vector, Array]:
     """The result of Newton steps with one fixed Jacobian, and whether they converged.
 
-    Each step reduces the residual by at least the same factor as the previous step. This bounds the last residual,
-    which need not be computed.
+    Each step reduces the residual by at least the factor of the previous step, which bounds the last residual.
     """
     inverse = cp.Inverse3.of(columns, exact=False)
     previous = current = jnp.zeros_like(y[0])

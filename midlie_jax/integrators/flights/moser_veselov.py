@@ -43,13 +43,33 @@ class _Preprocessed(JudgedFlight):
     solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
-    one_loop: ClassVar[bool] = False
     # For a spin about a principal axis c = (1 + c^2) (h/2) Omega, which has real roots only up to h |Omega| = 1, where
     # both meet at c = 1, a rotation by 90 degrees. DMV4 and DMV6 reach up to a fifth further.
     reach: ClassVar[float] = 1.0
 
     def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, self.order)
+        spins, y = inertia.spins, inertia.travel(h, momentum)
+        s, d, term_sum = _preprocessed(inertia.relative, spins, y, self.order)
+        moments = (
+            cp.reciprocal(s * spins[0] + d),
+            cp.reciprocal(s * spins[1] + d),
+            cp.reciprocal(s * spins[2] + d),
+        )
+        products_of_others = (moments[1] * moments[2], moments[2] * moments[0], moments[0] * moments[1])
+        gaps = cp.scale(s, cp.times(inertia.gaps, products_of_others))  # I_j - I_k
+        y = cp.scale(0.5, y)
+
+        c = _root(moments, gaps, y)
+        residual = _residual(moments, gaps, y, c)
+        limit = _RESIDUAL_LIMIT * cp.epsilon(h)
+        solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
+        # A root with a > 2 is not the root nearest zero, and would give a different map.
+        solved = solved & (cp.dot(c, c) <= 1)
+        corrections = [(abs(s - 1), _LARGEST_CORRECTION), (abs(d), _LARGEST_CORRECTION)]
+        ok = verdict(solved, (term_sum, _LARGEST_TERM_SUM), *corrections)
+        factor = cp.inverse_root(1 + cp.dot(c, c))
+        increment = (factor, factor * c[0], factor * c[1], factor * c[2])
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 class MoserVeselov(_Preprocessed):
@@ -109,31 +129,6 @@ class MoserVeselov6(_Preprocessed):
     use: ClassVar[str] = "comparison with Hairer and Vilmart's order 6"
     order: ClassVar[int | None] = 6
     symplectic: ClassVar[bool] = False
-
-
-def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
-    spins, y = inertia.spins, inertia.travel(h, momentum)
-    s, d, term_sum = _preprocessed(inertia.relative, spins, y, order)
-    moments = (
-        cp.reciprocal(s * spins[0] + d),
-        cp.reciprocal(s * spins[1] + d),
-        cp.reciprocal(s * spins[2] + d),
-    )
-    products_of_others = (moments[1] * moments[2], moments[2] * moments[0], moments[0] * moments[1])
-    gaps = cp.scale(s, cp.times(inertia.gaps, products_of_others))  # I_j - I_k
-    y = cp.scale(0.5, y)
-
-    c = _root(moments, gaps, y)
-    residual = _residual(moments, gaps, y, c)
-    limit = _RESIDUAL_LIMIT * cp.epsilon(h)
-    solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
-    # A root with a > 2 is not the root nearest zero, and would give a different map.
-    solved = solved & (cp.dot(c, c) <= 1)
-    corrections = [(abs(s - 1), _LARGEST_CORRECTION), (abs(d), _LARGEST_CORRECTION)]
-    ok = verdict(solved, (term_sum, _LARGEST_TERM_SUM), *corrections)
-    factor = cp.inverse_root(1 + cp.dot(c, c))
-    increment = (factor, factor * c[0], factor * c[1], factor * c[2])
-    return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array, Array]:

@@ -50,7 +50,6 @@ class NearSymmetric(JudgedFlight):
         gap = -inertia.gaps[2] * inertia.per_unit
 
         def about_first(momentum: cp.Vector) -> tuple[Array, tuple[Array, Array]]:
-            """The square of half the angle about axis 1, and the cosine and sine of half the angle."""
             half = h / 4 * gap * momentum[0]
             return half * half, spin(half)
 

@@ -39,7 +39,19 @@ class _Generated(JudgedFlight):
     reach: ClassVar[float] = LARGEST_TURN
 
     def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, self.order)
+        y = inertia.travel(h, momentum)
+        turn = _turn(self.order, inertia, y)
+        residual = _residual(self.order, inertia, y, turn)
+        limit = _RESIDUAL_LIMIT * cp.epsilon(h)
+        half = half_turn(cp.scale(0.5, turn))
+        solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
+        if self.order == 4:
+            # If the second term of the series exceeds the first, the series is useless and further roots appear.
+            a, b, c = stiffness(self.order, inertia, turn)
+            solved = solved & (a > 0) & (b > 0) & (c > 0)
+        ok = verdict(solved, (cp.dot(turn, turn), 4 * LARGEST_SQUARE), inertia.bound_of_first_root(y))
+        increment = cp.square(half)
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 class SymplecticMidpoint(_Generated):
@@ -60,7 +72,6 @@ class SymplecticMidpoint(_Generated):
     use: ClassVar[str] = "comparison with LIEMID: the paper's flight made symplectic"
     order: ClassVar[int | None] = 2
     per_loop: ClassVar[int] = 2
-    one_loop: ClassVar[bool] = False
 
 
 class SymplecticMidpoint4(_Generated):
@@ -81,23 +92,6 @@ class SymplecticMidpoint4(_Generated):
     use: ClassVar[str] = "symplectic, of order 4 with one solve; JACOBI is exact and faster"
     order: ClassVar[int | None] = 4
     per_loop: ClassVar[int] = 1
-    one_loop: ClassVar[bool] = False
-
-
-def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
-    y = inertia.travel(h, momentum)
-    turn = _turn(order, inertia, y)
-    residual = _residual(order, inertia, y, turn)
-    limit = _RESIDUAL_LIMIT * cp.epsilon(h)
-    half = half_turn(cp.scale(0.5, turn))
-    solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
-    if order == 4:
-        # If the second term of the series exceeds the first, the series is useless and further roots appear.
-        a, b, c = stiffness(order, inertia, turn)
-        solved = solved & (a > 0) & (b > 0) & (c > 0)
-    ok = verdict(solved, (cp.dot(turn, turn), 4 * LARGEST_SQUARE), inertia.bound_of_first_root(y))
-    increment = cp.square(half)
-    return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
