@@ -25,7 +25,7 @@ from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, Field, Table, check_rates, read
+from .fit_data import UNITS_OF_RATE, Table, check_rates, read
 from .flight import free_flight, windows
 from .tables import require
 
@@ -47,23 +47,15 @@ _UNIT_LENGTH = 1e-3  # the largest error of the length of a quaternion
 
 
 class Problem(NamedTuple):
-    """The data and options of a fit.
+    """The data and options of a fit."""
 
-    Attributes:
-        options: of the command.
-        given: the options for `midlie_jax.fit`.
-        measurements: rates and, if there are a magnetometer and a star tracker, directions and attitudes.
-        table, field, tracker: the data of the files.
-        begin: the first time of all, the time of the start.
-    """
-
-    options: argparse.Namespace
-    given: dict[str, Any]
-    measurements: list[Any]
-    table: Table
-    field: Field | None
-    tracker: Field | None
-    begin: float
+    options: argparse.Namespace  # of the command
+    given: dict[str, Any]  # the options for `midlie_jax.fit`
+    measurements: list[Any]  # rates and, if there are a magnetometer and a star tracker, directions and attitudes
+    table: Table  # the rates
+    field: Table | None
+    tracker: Table | None
+    begin: float  # the first time of all, the time of the start
 
     @property
     def clock(self) -> bool:
@@ -130,34 +122,38 @@ def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
     table, field, tracker = read(options)
     table = _flight(options, table)
-    field, tracker = (None if one is None else one.complete(*table.span) for one in (field, tracker))
+    others = dict[str, Table]()
     for name, one in (("magnetometer", field), ("tracker", tracker)):
-        if one is not None and not len(one.times):
+        if one is None:
+            continue
+        others[name] = one.chosen(np.all(np.isfinite(one.values), axis=1)).within(*table.span)
+        if not len(others[name].times):
             span = f"{table.shown(table.times[0])} to {table.shown(table.times[-1])}"
             raise ValueError(f"--{name} must have a complete row in the time of the rates, {span}; check its columns.")
+    field, tracker = others.get("magnetometer"), others.get("tracker")
     if options.magnetometer_data and field is not None:
         _check_overlap(options, table, field)
     begin = table.times[0] if field is None else min(table.times[0], field.times[0])
     last = max(one.times[-1] for one in (table, field) if one is not None) - begin
     sigma = (options.sigma or 1.0) * UNITS_OF_RATE[options.unit]
     bias, iron = "bias" if options.bias else None, "iron" if options.hard_iron else None
-    measurements: list[Any] = [Rates(table.times - begin, table.rates, sigma, bias=bias)]
+    measurements: list[Any] = [Rates(table.times - begin, table.values, sigma, bias=bias)]
     if field is not None:
         said, known = np.deg2rad(options.magnetometer_sigma), _UP if tracker is None else "field"
         late = "clock" if options.magnetometer_clock == "fitted" else None
-        seen = Directions(field.times - begin, field.vectors, said, reference=known, bias=iron, clock=late)
+        seen = Directions(field.times - begin, field.values, said, reference=known, bias=iron, clock=late)
         measurements.append(seen)
     if tracker is not None:
-        said, quaternions = np.deg2rad(options.tracker_sigma), tracker.vectors
+        said, quaternions = np.deg2rad(options.tracker_sigma), tracker.values
         lengths = np.linalg.norm(quaternions, axis=1)
         if (wrong := np.flatnonzero(np.abs(lengths - 1) > _UNIT_LENGTH)).size:
             where = f"{options.data}, line {tracker.lines[wrong[0]]}"
             raise ValueError(f"{where}: the length of a quaternion must be 1, got {lengths[wrong[0]]:.6g}.")
         if options.space_to_body:
-            tracker = tracker._replace(vectors=quaternions * [1.0, -1.0, -1.0, -1.0])
-        measurements.append(Attitudes(tracker.times - begin, tracker.vectors, said))
+            tracker = tracker._replace(values=quaternions * [1.0, -1.0, -1.0, -1.0])
+        measurements.append(Attitudes(tracker.times - begin, tracker.values, said))
         _check_convention(options, measurements)
-    speeds = np.linalg.norm(table.rates, axis=1)
+    speeds = np.linalg.norm(table.values, axis=1)
     if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
         raise ValueError("the data need two times and a body that rotates; check the columns.")
     given = {
@@ -180,7 +176,7 @@ def _flight(options: argparse.Namespace, table: Table) -> Table:
             f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates"
             "; a part may be missing if the columns are over 5 degrees off the principal axes"
         )
-    check_rates(options.data, table.lines, table.rates / UNITS_OF_RATE[options.unit])
+    check_rates(options.data, table.lines, table.values / UNITS_OF_RATE[options.unit])
     _check_flight(options, table)
     return table
 
@@ -196,14 +192,14 @@ def _check_convention(options: argparse.Namespace, measurements: list[Any]) -> N
         raise ValueError(f"{options.data}: {told} {' and '.join(cures).capitalize()}.") from None
 
 
-def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
+def _check_overlap(options: argparse.Namespace, table: Table, field: Table) -> None:
     units = "check the units of time (--time-unit, --magnetometer-time-unit) and that both count from the same moment"
     if field.times[0] > table.times[-1] or field.times[-1] < table.times[0]:
         raise ValueError(
             f"{options.magnetometer_data} is of t = {field.times[0]:g} to {field.times[-1]:g} s, and {options.data} of "
             f"{table.times[0]:g} to {table.times[-1]:g} s; {units}."
         )
-    before = np.nanmedian(np.linalg.norm(table.rates, axis=1)) * (table.times[0] - field.times[0])
+    before = np.nanmedian(np.linalg.norm(table.values, axis=1)) * (table.times[0] - field.times[0])
     if before > _BEFORE:
         first = field.lines[np.searchsorted(field.times, table.times[0])]
         raise ValueError(
@@ -267,10 +263,10 @@ def _from(problem: Problem, near: Guess) -> Fit:
     attitude = Rotation.identity()
     if tracker is not None:
         since = _turned_back(table, near.bias, problem.begin, float(tracker.times[0]))
-        attitude = Rotation.from_quat(tracker.vectors[0], scalar_first=True) * since.inv()
+        attitude = Rotation.from_quat(tracker.values[0], scalar_first=True) * since.inv()
         start["attitude"] = UnitQuaternion(attitude.as_quat(scalar_first=True))
     if field is not None:
-        seen = field.vectors
+        seen = field.values
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
         iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if options.hard_iron else np.zeros(3)
@@ -300,8 +296,8 @@ def _print(problem: Problem, result: Fit) -> None:
     options, table, moments = problem.options, problem.table, np.asarray(result.values["moments"])
     shown = table.shown(problem.begin)
     print(
-        f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
-        f" moments with a sum of {moments.sum():g}, rates in {options.unit}, those at "
+        f"{options.data}: {np.sum(np.isfinite(table.values))} angular velocities at {len(table.times)} times; free "
+        f"body, moments with a sum of {moments.sum():g}, rates in {options.unit}, those at "
         + (shown if table.zero else f"t = {shown} {options.time_unit or 's'}")
     )
     if options.magnetometer_data and problem.field is not None:
@@ -341,7 +337,7 @@ def _draw(problem: Problem, result: Fit) -> None:
     for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
         style = {"color": colour, "markersize": 4}
         above.plot(problem.begin + times, curves[:, i] / problem.unit, color=colour, linewidth=1.2, label=f"Ω{i + 1}")
-        above.plot(table.times, table.rates[:, i] / problem.unit, ".", **style)
+        above.plot(table.times, table.values[:, i] / problem.unit, ".", **style)
         below.plot(table.times, residuals[:, i], ".", **style)
     above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     write(figure, options.out)

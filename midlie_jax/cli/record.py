@@ -26,37 +26,21 @@ _FRAMES = {
 
 
 class Record(NamedTuple):
-    """A run of one body or many.
-
-    Attributes:
-        scene: the scene.
-        method: name of the method.
-        dt: step.
-        steps: number of steps.
-        size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
-        times: times of the saved states, (n,).
-        momenta: angular momenta, body frame, (bodies, n, 3); for an axis, in space. Here and below, coupled bodies have
-            an axis (N,) before the last, and the first axis runs over their copies.
-        attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes in space, (bodies, n, 3).
-        ok: `Path.ok` of each body, (bodies,).
-        first_bad: `Path.first_bad` of each body, (bodies,), if known.
-        method_from: MODULE:NAME for a custom method, otherwise the name of this package.
-        travel: linear momenta and positions, (bodies, n, 3) each, for a translating body; otherwise empty.
-    """
+    """A run of one body or many; coupled bodies have an axis (N,) before the last, and the first is of their copies."""
 
     scene: Scene
     method: str
     dt: float
     steps: int
-    size: float
+    size: float  # of the perturbations, see `scenes.perturbed`; the first body is not perturbed
     seed: int
-    times: np.ndarray
-    momenta: np.ndarray
-    attitudes: np.ndarray
-    ok: np.ndarray
-    first_bad: np.ndarray | None = None
-    method_from: str = "midlie_jax"
-    travel: tuple[np.ndarray, ...] = ()
+    times: np.ndarray  # of the saved states, (n,)
+    momenta: np.ndarray  # body frame, (bodies, n, 3); for an axis, in space
+    attitudes: np.ndarray  # unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes, (bodies, n, 3)
+    ok: np.ndarray  # (bodies,)
+    first_bad: np.ndarray | None = None  # (bodies,), if known
+    method_from: str = "midlie_jax"  # MODULE:NAME for a custom method
+    travel: tuple[np.ndarray, ...] = ()  # linear momenta and positions of a translating body, (bodies, n, 3) each
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
@@ -109,8 +93,10 @@ class Record(NamedTuple):
         return values[:most], colours_of(most)
 
     @property
-    def columns(self) -> dict[str, tuple[str, ...]]:
-        return columns(self.scene.start)
+    def arrays(self) -> dict[str, tuple[np.ndarray, tuple[str, ...]]]:
+        """The variables of the state by name, each with the names of its components."""
+        each = zip(columns(self.scene.start).items(), (self.momenta, self.attitudes, *self.travel), strict=True)
+        return {name: (array, heads) for (name, heads), array in each}
 
     @property
     def dtype(self) -> str:
@@ -139,12 +125,10 @@ def save(record: Record, path: str) -> None:
 
 
 def _save_npz(record: Record, path: str) -> None:
-    scene = record.scene
+    scene, start, body = record.scene, record.scene.start, record.scene.body
     parts: dict[str, Any] = {
         "times": record.times,
-        **_of_states(record),
         "ok": record.ok,
-        **_of_body(scene.body),
         "scene": scene.name,
         "title": scene.title,
         "source": scene.source,
@@ -160,6 +144,15 @@ def _save_npz(record: Record, path: str) -> None:
         "version": versions()["midlie_jax"],
         "jax_version": versions()["jax"],
     }
+    for name, (array, heads) in record.arrays.items():
+        frame = _FRAMES.get(name) or start.described()[name][1]["frame"]
+        parts |= {_PLURAL.get(name, name): array, f"{name}_components": heads, f"{name}_frame": frame}
+    if isinstance(start, AxisState) or record.travel:
+        parts |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}
+    if isinstance(body, RigidBody):
+        parts["moments"] = np.asarray(body.moments)
+    else:  # the names used by `simulate`
+        parts |= {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
     if record.first_bad is not None:
         parts["first_bad"] = record.first_bad
     if scene.axes is not None:
@@ -168,31 +161,12 @@ def _save_npz(record: Record, path: str) -> None:
         np.savez(file, **parts)
 
 
-def _of_states(record: Record) -> dict[str, Any]:
-    start, found = record.scene.start, dict[str, Any]()
-    arrays = record.momenta, record.attitudes, *record.travel
-    for (name, heads), array in zip(record.columns.items(), arrays, strict=True):
-        found[_PLURAL.get(name, name)] = array
-        found[f"{name}_components"] = heads
-        found[f"{name}_frame"] = _FRAMES.get(name) or start.described()[name][1]["frame"]
-    if isinstance(start, AxisState) or record.travel:
-        found |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}
-    return found
-
-
-def _of_body(body: Any) -> dict[str, Any]:
-    """The parameters of the body; for a translating body and an axis with the names used by `simulate`."""
-    if isinstance(body, RigidBody):
-        return {"moments": np.asarray(body.moments)}
-    return {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
-
-
 def _save_csv(record: Record, path: str) -> None:
-    arrays = record.momenta, record.attitudes, *record.travel
+    arrays, heads = zip(*record.arrays.values(), strict=True)
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        head = ("copy", "time", "body") if record.several else ("body", "time")
-        writer.writerow((*head, *chain(*record.columns.values()), "ok"))
+        first = ("copy", "time", "body") if record.several else ("body", "time")
+        writer.writerow((*first, *chain(*heads), "ok"))
         for copy, ok in enumerate(record.ok):
             rows = np.concatenate([array[copy] for array in arrays], axis=-1)
             for t, row in zip(record.times, rows, strict=True):

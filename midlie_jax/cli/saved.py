@@ -68,13 +68,11 @@ def _record(found: Inspection) -> Record | None:
     if said.get("state") != type(scene.start).__name__ or any(name not in root for name in names):
         return None
     bodies = slice(None, None, -(-found.bodies // _SHOWN))
-    momenta, *others = (root[name][bodies] for name in names)
-    computed = int(np.sum(~np.all(np.isnan(momenta), axis=(0, 2))))
-    momenta, attitudes, *travel = (values[:, :computed] for values in (momenta, *others))
-    _, size, seed = (said[name] for name in SCENE)
-    ok = found.first_bad[bodies] == found.saves
-    run = said["method"], said["dt"], said["steps"], size, seed
-    return Record(scene, *run, root["time"][:computed], momenta, attitudes, ok, travel=tuple(travel))
+    values = [root[name][bodies] for name in names]
+    computed = int(np.sum(~np.all(np.isnan(values[0]), axis=(0, 2))))
+    momenta, attitudes, *travel = (array[:, :computed] for array in values)
+    run = said["method"], said["dt"], said["steps"], said[SCENE[1]], said[SCENE[2]], root["time"][:computed]
+    return Record(scene, *run, momenta, attitudes, found.first_bad[bodies] == found.saves, travel=tuple(travel))
 
 
 def view(options: argparse.Namespace) -> None:
