@@ -24,12 +24,7 @@ from .scenes import Scene
 
 
 def method(chosen: str | Method) -> Method:
-    """The method with this name or MODULE:NAME, or the method itself.
-
-    Raises:
-        ValueError: there is no such method, the module cannot be imported, or its method has the name of a method of
-            this package, so files and tables could not distinguish them.
-    """
+    """The method with this name or MODULE:NAME, or the method itself; a custom one needs a name of its own."""
     if not isinstance(chosen, str) or ":" not in chosen:
         return as_method(chosen)
     found = _own(chosen, Method, "method")
@@ -50,15 +45,7 @@ def origin(chosen: str) -> str:
 
 
 def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
-    """The chosen methods, which must support rigid bodies; each is listed once.
-
-    Args:
-        chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
-        body: the body that they must support, if not a `RigidBody`.
-
-    Raises:
-        ValueError: one of them is not a method, does not support such bodies, or has the name of another method.
-    """
+    """The chosen methods, which must support the body, by default rigid bodies; each is listed once."""
     found: dict[str, Method] = {}
     for one in map(method, chosen):
         if body is None or isinstance(body, RigidBody):
@@ -76,15 +63,7 @@ def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
 
 
 def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
-    """The scene with this name or MODULE:NAME, or the scene itself.
-
-    Args:
-        chosen: the scene.
-        dtype: the required dtype of its arrays; by default any, and for a name as for `scenes.scene`.
-
-    Raises:
-        ValueError: there is no such scene, it has another dtype, or the module cannot be imported.
-    """
+    """The scene with this name or MODULE:NAME, or the scene itself; its arrays must have the dtype, if given."""
     if isinstance(chosen, str) and ":" not in chosen:
         return scenes.scene(chosen, dtype)
     found: Scene = _own(chosen, Scene, "scene")
@@ -97,7 +76,7 @@ def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
 def _own(chosen: Any, kind: type, word: str) -> Any:
     """The object MODULE:NAME, or the object itself; `kind` and `word` describe the required kind of object."""
     found, name = (_named(chosen, kind, word), chosen) if isinstance(chosen, str) else (chosen, word)
-    if isinstance(found, Flight):
+    if kind is Method and isinstance(found, Flight):
         raise ValueError(f"{chosen} is a flight; make a method of it: midlie_jax.method({chosen.split(':')[1]}, 'EA').")
     if not isinstance(found, kind):
         what = described(found)

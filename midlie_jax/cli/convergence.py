@@ -41,69 +41,35 @@ _OF_HIGH_ORDER = "GBS12"  # the reference for translating bodies, whose forces m
 
 
 class Reference(NamedTuple):
-    """The end of a scene against which errors are measured.
+    """The end of a scene against which errors are measured."""
 
-    Attributes:
-        momentum: body-frame angular momentum, (3,); for an axis, in space.
-        attitude: rotation matrix, body to space, (3, 3); or the axis, (3,).
-        source: the method of computation.
-        uncertainty: estimate of the error of momentum and attitude, relative to their norms.
-        position: of a translating body, (3,).
-    """
-
-    momentum: np.ndarray
-    attitude: np.ndarray
-    source: str
-    uncertainty: float
-    position: np.ndarray | None = None
+    momentum: np.ndarray  # body frame, (3,); for an axis, in space
+    attitude: np.ndarray  # rotation matrix, body to space, (3, 3); or the axis, (3,)
+    source: str  # the method of computation
+    uncertainty: float  # estimate of the error of momentum and attitude, relative to their norms
+    position: np.ndarray | None = None  # of a translating body, (3,)
 
 
 class Row(NamedTuple):
-    """One method at one step size.
-
-    Attributes:
-        method: its name.
-        dt: step, in the scene's unit of time.
-        steps: number of steps.
-        momentum_error: |Pi - Pi_reference| at the end, body frame.
-        attitude_error: |R - R_reference| at the end, Frobenius norm.
-        momentum_slope, attitude_slope: order of accuracy measured from the previous rung to this one; NaN on the first.
-        evaluations: torque evaluations of the run; 0 without torque.
-        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; on a CPU, processor time
-            of all threads (`timing.cost_clock`).
-        ok: whether every solve converged and every number is finite.
-        failure: the error that stopped the method; "" if there was none.
-        spread: half the distance between the quartiles of the timings, relative to the median.
-        position_error: |x - x_reference| at the end, for a translating body.
-    """
+    """One method at one step size."""
 
     method: str
     dt: float
     steps: int
-    momentum_error: float = math.nan
-    attitude_error: float = math.nan
-    momentum_slope: float = math.nan
+    momentum_error: float = math.nan  # |Pi - Pi_reference| at the end, body frame
+    attitude_error: float = math.nan  # |R - R_reference| at the end, Frobenius norm
+    momentum_slope: float = math.nan  # order of accuracy from the previous rung to this one
     attitude_slope: float = math.nan
-    evaluations: int = 0
-    seconds: float = math.nan
-    ok: bool = False
-    failure: str = ""
-    spread: float = math.nan
-    position_error: float = math.nan
+    evaluations: int = 0  # torque evaluations of the run
+    seconds: float = math.nan  # median time of the run for one body in a batch of `COPIES`, by `timing.cost_clock`
+    ok: bool = False  # whether every solve converged and every number is finite
+    failure: str = ""  # the error that stopped the method
+    spread: float = math.nan  # half the distance between the quartiles of the timings, relative to the median
+    position_error: float = math.nan  # of a translating body
 
 
 def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
-    """Numbers of steps, each twice the previous number.
-
-    Args:
-        scene: from `midlie_jax.cli.scenes.scene`.
-        coarsest: steps on the first rung; by default as in the paper's figure, otherwise for twice the step of the
-            scene.
-        levels: number of rungs.
-
-    Raises:
-        ValueError: a number is not positive, or the last rung has too many steps.
-    """
+    """Numbers of steps, each twice the previous; by default as in the paper's figure, or from twice a scene's step."""
     if coarsest is None:
         coarsest = _COARSEST.get(scene.name, max(1, scene.steps // 2))
     if coarsest < 1 or levels < 1:

@@ -6,9 +6,9 @@ colours for others. matplotlib is an optional dependency, imported only when a c
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
-from itertools import count
+from itertools import cycle, islice
 from typing import Any, NamedTuple
 
 from ..plot.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
@@ -81,17 +81,12 @@ def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Seque
 
 
 class Style(NamedTuple):
-    """Attributes:
-    colour: as in matplotlib.
-    mark: matplotlib's marker, or `RING`.
-    dash: matplotlib's line style.
-    ours: whether marks are filled, for methods of this package, or hollow.
-    """
+    """How a line is drawn."""
 
     colour: str
-    mark: str
+    mark: str  # matplotlib's marker, or `RING`
     dash: Any
-    ours: bool
+    ours: bool  # whether marks are filled, for methods of this package, or hollow
 
     def drawn(self, width: float, size: float) -> dict[str, Any]:
         """The arguments of `Axes.plot` for a line; width of the line and size of the marks in points."""
@@ -111,17 +106,12 @@ def styles(
     Each line has a colour of its own while there are any; further lines repeat the colours with other marks.
     """
     names, fixed = list(dict.fromkeys(names)), fixed or {}
-    given = [fixed[name] for name in names if name in fixed]
-    taken = {(style.colour, style.mark, style.dash) for style in given}
-    used = [colour for colour in colours if colour in {style.colour for style in given}]
-    ordered = [*(colour for colour in colours if colour not in used), *used]
-
-    def looks() -> Iterator[tuple[str, str, Any]]:
-        for i in count():
-            again = i // (len(ordered) * len(_MARKS))
-            look = ordered[i % len(ordered)], _MARKS[i % len(_MARKS)], _DASHES[again - 1] if again else dash
-            if look not in taken:
-                yield look
-
-    unused = looks()
+    taken = {fixed[name][:3] for name in names if name in fixed}
+    ordered = sorted(colours, key=[colour for colour, *_ in taken].count)
+    looks = (
+        (colour, mark, each)
+        for each in (dash, *_DASHES)
+        for colour, mark in islice(zip(cycle(ordered), cycle(_MARKS), strict=False), len(ordered) * len(_MARKS))
+    )
+    unused = (look for look in looks if look not in taken)
     return {name: fixed[name] if name in fixed else Style(*next(unused), ours) for name in names}

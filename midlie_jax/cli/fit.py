@@ -68,13 +68,6 @@ class Problem(NamedTuple):
         return UNITS_OF_RATE[self.options.unit]
 
 
-class Guess(NamedTuple):
-    """Moments (3,) with the sum 5.5, and the bias (3,), zero unless it was requested."""
-
-    moments: np.ndarray
-    bias: np.ndarray
-
-
 def fit(options: argparse.Namespace) -> None:
     """Fits the data, prints the estimates, and writes a chart if requested."""
     if options.out:
@@ -92,13 +85,10 @@ def fit(options: argparse.Namespace) -> None:
 def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
     if result.ok and result.doubts == [result.aliases]:
         return []
-    bias = [] if options.bias else ["try --bias"]
-    part = ["if the file holds more than a free flight, give --from and --to"] if _whole(options) else []
-    return [" or, ".join(bias + part)] if bias + part else []
-
-
-def _whole(options: argparse.Namespace) -> bool:
-    return options.first is None and options.last is None
+    cures = [] if options.bias else ["try --bias"]
+    if options.first is options.last is None:
+        cures.append("if the file holds more than a free flight, give --from and --to")
+    return [" or, ".join(cures)] if cures else []
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -169,7 +159,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 def _flight(options: argparse.Namespace, table: Table) -> Table:
     """The rows of the free flight, unless the times of its ends are given."""
     times, rates = table.complete
-    found = free_flight(times, rates) if _whole(options) and len(times) > _ROWS else None
+    found = free_flight(times, rates) if options.first is options.last is None and len(times) > _ROWS else None
     if found is not None and (found[0] > times[0] or found[1] < times[-1]):
         table = table.within(*found)
         print(
@@ -246,23 +236,23 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
 
 def _fitted(problem: Problem) -> Fit:
     """The best fit from the given moments or a guess by the rates; if doubtful, also from all six permutations."""
-    near, moments = _guess(problem.table, problem.options.bias), problem.options.moments
-    first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
+    (guess, bias), moments = _guess(problem.table, problem.options.bias), problem.options.moments
+    first = _from(problem, np.array(moments) if moments else guess, bias)
     if moments or (first.ok and not first.doubts):
         return first
-    others = [_from(problem, near._replace(moments=np.array(order))) for order in _ORDERS]
+    others = [_from(problem, np.array(order), bias) for order in _ORDERS]
     return min([first, *others], key=lambda result: (not result.ok, result.rms))
 
 
-def _from(problem: Problem, near: Guess) -> Fit:
+def _from(problem: Problem, moments: np.ndarray, bias: np.ndarray) -> Fit:
     options, table, field, tracker = problem.options, problem.table, problem.field, problem.tracker
-    rate = table.complete[1][0] - near.bias
-    start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
+    rate = table.complete[1][0] - bias
+    start: dict[str, Any] = {"moments": Moments(moments, scale="fixed"), "rate": Free(rate)}
     if options.bias:
-        start["bias"] = Free(near.bias)
+        start["bias"] = Free(bias)
     attitude = Rotation.identity()
     if tracker is not None:
-        since = _turned_back(table, near.bias, problem.begin, float(tracker.times[0]))
+        since = _turned_back(table, bias, problem.begin, float(tracker.times[0]))
         attitude = Rotation.from_quat(tracker.values[0], scalar_first=True) * since.inv()
         start["attitude"] = UnitQuaternion(attitude.as_quat(scalar_first=True))
     if field is not None:
@@ -270,7 +260,7 @@ def _from(problem: Problem, near: Guess) -> Fit:
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
         iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if options.hard_iron else np.zeros(3)
-        since = _turned_back(table, near.bias, problem.begin, float(field.times[0]))
+        since = _turned_back(table, bias, problem.begin, float(field.times[0]))
         first = (attitude * since).apply(seen[0] - iron)  # in space with a star tracker, else in the body
         start["field"] = UnitVector(first / np.linalg.norm(first))
         if options.hard_iron:
@@ -365,14 +355,14 @@ def _check_flight(options: argparse.Namespace, table: Table) -> None:
     )
 
 
-def _guess(table: Table, bias: bool) -> Guess:
-    """The best solution of the window equations, from starts with all six permutations of the moments.
+def _guess(table: Table, bias: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Moments with the sum 5.5, and the bias (3,), zero unless it is requested.
 
-    With `bias` the bias of the rates is also estimated.
+    They are the best solution of the window equations, from starts with all six permutations of the moments.
     """
     times, rates = table.complete
     if len(times) < 3:
-        return Guess(np.array(_ORDERS[0]), np.zeros(3))
+        return np.array(_ORDERS[0]), np.zeros(3)
     _, _, changes, products, linear = seen = windows(times - table.times[0], rates, _WINDOW)
     size = np.sqrt(np.mean(rates**2))
 
@@ -392,7 +382,7 @@ def _guess(table: Table, bias: bool) -> Guess:
         solution = least_squares(residuals, start, x_scale=scale, loss="soft_l1", f_scale=0.1, max_nfev=200)
         found.append((solution.cost, solution.x))
     best = min(found, key=lambda one: one[0])[1]
-    return Guess(_moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3))
+    return _moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3)
 
 
 def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Rotation:

@@ -65,7 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         flags = os.environ.get("XLA_FLAGS", "")
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={found.devices}".strip()
     try:
-        act(found)
+        import jax
+
+        jax.config.update("jax_enable_x64", True)  # before any array is created, including the arrays of scenes
+        getattr(import_module(f".{_ACTIONS[found.command]}", __package__), found.command)(found)
     except KeyboardInterrupt:
         print("midlie: stopped", file=sys.stderr)
         return 130
@@ -79,14 +82,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _failed(message: str) -> int:
     print(f"midlie: {' '.join(message.split())}", file=sys.stderr)
     return 2
-
-
-def act(found: argparse.Namespace) -> None:
-    """Runs the command of the parsed options."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including the arrays of scenes
-    getattr(import_module(f".{_ACTIONS[found.command]}", __package__), found.command)(found)
 
 
 class _ShowVersion(argparse.Action):
@@ -129,16 +124,11 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
         hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
         command.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
     if found.command == "run":
-        store = bool(found.out) and Path(found.out).suffix.lower() == ".zarr"
-        _only_with_store(commands["run"], found, store)
+        given = {"--resume": found.resume, "--save-every": found.save_every, "--devices": found.devices}
+        wrong = [name for name, value in given.items() if value]
+        if wrong and Path(found.out or "").suffix.lower() != ".zarr":
+            commands["run"].error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
     return found
-
-
-def _only_with_store(run: argparse.ArgumentParser, found: argparse.Namespace, store: bool) -> None:
-    given = {"--resume": found.resume, "--save-every": found.save_every, "--devices": found.devices}
-    wrong = [name for name, value in given.items() if value and not store]
-    if wrong:
-        run.error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
 
 
 def _choice(name: str, known: Sequence[str]) -> str:

@@ -44,8 +44,7 @@ def run(options: argparse.Namespace) -> None:
     scene = chosen.scene(options.scene, dtype)
     if ":" in options.scene:  # so that output does not name a scene of this package by mistake
         scene = replace(scene, name=options.scene)
-    if not options.method_given:
-        options.method = scene.method
+    options.method = options.method or scene.method
     method = chosen.method(options.method)
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)

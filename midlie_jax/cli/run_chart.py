@@ -142,18 +142,16 @@ def _span(record: Record) -> tuple[float, float]:
 
 def _axis(record: Record) -> tuple[np.ndarray, str]:
     """The axis of the body in the picture, and its name: the axis of the torque if it has one, otherwise the third."""
-    torque = record.scene.torque
+    torque, axis, name = record.scene.torque, np.array([0.0, 0.0, 1.0]), ""
     if isinstance(record.scene.start, AxisState):
-        axis, name = np.array([0.0, 0.0, 1.0]), "the axis of symmetry"
-    elif isinstance(torque, torques.HeavyTop):
+        return axis, "the axis of symmetry"
+    if isinstance(torque, torques.HeavyTop):
         axis, name = np.asarray(torque.axis), "the axis from the pivot to the centre of mass"
     elif isinstance(torque, torques.DipoleInField):
         moment = np.asarray(torque.moment, np.float64)
         axis, name = moment / np.linalg.norm(moment), "the dipole"
-    else:
-        axis, name = np.array([0.0, 0.0, 1.0]), "the body's axis e3"
-    principal = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
-    return axis, f"the body's axis {principal[0]}" if principal and "symmetry" not in name else name
+    principal = [f"the body's axis e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
+    return axis, principal[0] if principal else name
 
 
 def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:

@@ -38,27 +38,16 @@ def animate(
 ) -> Path:
     """Writes a GIF of a rotating body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
-    A body that translates is drawn at its position in space, with the track of its centre of mass. If its path is long,
-    the body is drawn larger, and the picture gives the factor. If states hold only the axis of symmetry, the body is
-    drawn as a cylinder or a rod, without its spin.
-
-    Interacting bodies that translate are drawn in one space, each in its colour; up to six have their axes and tracks.
-    The bodies of a `Rod` touch each other, and show its bending and twisting. With `together`, translating bodies
-    without interaction, such as a fleet of satellites, are drawn in one space as well.
-
-    Several bodies, or one body moved by several methods, are drawn side by side at the same times. The frames are
-    evenly spaced in time. A body that rotates by more than a quarter of a revolution between frames seems to rotate
-    differently, like wheels in a film. The picture then gives the number of revolutions per frame; use a shorter path
-    or more frames. A failed run is drawn up to its last good state, and the picture says so.
+    A body that translates is drawn at its position, larger than it is if its path is long; interacting bodies that
+    translate share one space. Several bodies are drawn side by side at the same times. The picture says how much a body
+    is enlarged, whether it rotates by more than a quarter of a revolution between frames, and whether a run failed.
 
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`; for several paths
             one body for all, a list with one per path, or the bodies of an ensemble.
         path: a `Path` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_variable_step` or `free_motion`; or a path of coupled bodies.
-            Or
-            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
-            up to 500 with `together`.
+            Or up to 12 paths, 500 with `together`: a mapping of names to paths, a list, or a path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
             States with only an axis support only this axis, e3.

@@ -1,8 +1,9 @@
 """`read`: an Attitude Ephemeris Message in KVN, versions 1.0 and 2.0."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from ..._checks.arguments import unknown
 from ..._math.euler import sequence_of
 from .epochs import Epoch, check_system
 from .forms import FORMS
-from .frames import check_frame
-from .message import AttitudeFile, Segment, body_of
+from .message import AttitudeFile, Segment, body_of, check_frame
 
 # The keywords, by version of the standard: tables 4-2 and 4-3.
 _HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
@@ -156,28 +156,20 @@ class _Reader(NamedTuple):
 
     def check_values(self, found: dict[str, tuple[str, _Line]], metadata: dict[str, str]) -> None:
         """Raises for an invalid value of the metadata; converts some values to a standard form."""
-
-        def checked(name: str, check: Any) -> None:
+        checks: dict[str, Callable[[str], str]] = {
+            "REF_FRAME_A": lambda name: check_frame("REF_FRAME_A", name, self.frames),
+            "REF_FRAME_B": lambda name: check_frame("REF_FRAME_B", name, self.frames),
+            "TIME_SYSTEM": check_system,
+            "ATTITUDE_DIR": partial(_one_of, ("A2B", "B2A")),
+            "QUATERNION_TYPE": partial(_one_of, ("FIRST", "LAST")),
+            "EULER_ROT_SEQ": sequence_of,
+        }
+        for name, check in checks.items():
             if name in metadata:
                 try:
                     metadata[name] = check(metadata[name])
                 except ValueError as error:
                     raise self.error(found[name][1], f"{name}: {error}") from None
-
-        def one_of(*choices: str) -> Any:
-            def check(value: str) -> str:
-                if value.upper() not in choices:
-                    raise ValueError(f"must be {' or '.join(choices)}, got {value!r}.")
-                return value.upper()
-
-            return check
-
-        for name in ("REF_FRAME_A", "REF_FRAME_B"):
-            checked(name, lambda value, name=name: check_frame(name, value, self.frames))
-        checked("TIME_SYSTEM", check_system)
-        checked("ATTITUDE_DIR", one_of("A2B", "B2A"))
-        checked("QUATERNION_TYPE", one_of("FIRST", "LAST"))
-        checked("EULER_ROT_SEQ", sequence_of)
 
     def data(
         self, lines: Iterator[_Line], metadata: dict[str, str], found: dict[str, tuple[str, _Line]], last: _Line
@@ -234,6 +226,12 @@ class _Reader(NamedTuple):
         if not np.isfinite(value) or "_" in cell:
             raise self.error(line, f"must hold finite numbers, got {cell!r}.")
         return value
+
+
+def _one_of(choices: tuple[str, ...], value: str) -> str:
+    if value.upper() not in choices:
+        raise ValueError(f"must be {' or '.join(choices)}, got {value!r}.")
+    return value.upper()
 
 
 def _needed_in(version: str, form: str) -> tuple[str, ...]:
