@@ -62,14 +62,12 @@ def write(figure: Any, path: str) -> None:
 
 def few_colours(png: bytes) -> bytes:
     """The same picture with fewer colours, in a file of about half the size."""
-    from PIL import Image, PngImagePlugin  # matplotlib also needs it
+    from PIL import Image  # matplotlib also needs it
 
     picture = Image.open(BytesIO(png)).convert("RGB")
     few = picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    maker = PngImagePlugin.PngInfo()
-    maker.add_text("Software", "midlie_jax")
     small = BytesIO()
-    few.save(small, format="PNG", optimize=True, pnginfo=maker)
+    few.save(small, format="PNG", optimize=True)
     return small.getvalue()
 
 

@@ -8,6 +8,8 @@ minima of a fit of the whole motion do not occur.
 
 import argparse
 from copy import copy
+from functools import reduce
+from operator import mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +28,7 @@ from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
 from .fit_data import UNITS_OF_RATE, Table, check_rates, read
-from .flight import free_flight, windows
+from .flight import FINE, MOST_POINTS, free_flight, windows
 from .tables import require
 
 _TURN = 0.5  # largest rotation per step, radians
@@ -41,8 +43,6 @@ _SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
 _ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
 _TOTAL = 5.5  # the sum of the moments
 _WINDOW = 1.0  # rotation of the body per window, radians
-_FINE = 0.05  # radians between two points of an integral
-_MOST_POINTS = 200_000
 _UNIT_LENGTH = 1e-3  # the largest error of the length of a quaternion
 
 
@@ -392,13 +392,10 @@ def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Ro
     """
     times, rates = table.complete
     rates = rates - bias
-    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
+    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / FINE, 1, MOST_POINTS))
     middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
     turns = np.stack([np.interp(middles, times, rates[:, i]) for i in range(3)], axis=1)
-    found = Rotation.identity()
-    for turn in Rotation.from_rotvec(turns * (end - begin) / count):
-        found = found * turn
-    return found
+    return reduce(mul, Rotation.from_rotvec(turns * (end - begin) / count))
 
 
 def _moments(logs: np.ndarray) -> np.ndarray:

@@ -30,7 +30,8 @@ from .tables import require
 _SHOWN = 1000  # the largest number of bodies of a store whose errors are computed and drawn: evenly spaced ones
 _OF_GIF = ("rate", "size", "elevation", "azimuth", "background")
 _PLURAL = {"attitude": "attitudes", "axis": "axes"}
-_NEEDED = ("epoch", "time_system", "time_unit", "object_name", "object_id", "originator", "frame_a", "frame_b")
+_SAME = ("epoch", "time_system", "time_unit", "object_name", "object_id", "originator")  # as for `write_message`
+_NEEDED = (*_SAME, "frame_a", "frame_b")
 _OF_MESSAGE = (*_NEEDED, "center_name", "spin", "aem_version")
 
 
@@ -180,12 +181,7 @@ def _message(options: argparse.Namespace) -> None:
         jax.tree.map(lambda x: x[:count], path.states),
         options.out,
         times=path.times[:count],
-        epoch=options.epoch,
-        time_system=options.time_system,
-        time_unit=options.time_unit,
-        object_name=options.object_name,
-        object_id=options.object_id,
-        originator=options.originator,
+        **{name: getattr(options, name) for name in _SAME},
         ref_frame_a=options.frame_a,
         ref_frame_b=options.frame_b,
         center_name=options.center_name,

@@ -67,6 +67,15 @@ class _Line(NamedTuple):
     text: str
 
 
+def _without_comments(lines: Iterator[_Line], comments: list[str]) -> Iterator[_Line]:
+    """The other lines; the texts of comments are appended to a list."""
+    for line in lines:
+        if line.text.startswith("COMMENT"):
+            comments.append(line.text[len("COMMENT") :].strip())
+        else:
+            yield line
+
+
 class _Reader(NamedTuple):
     file: str
     body: str | None
@@ -111,21 +120,17 @@ class _Reader(NamedTuple):
         """Keywords with their values and lines, and comments, up to the line `end`, which is also returned."""
         found: dict[str, tuple[str, _Line]] = {}
         comments: list[str] = []
-        for line in lines:
-            last = line
-            if line.text == end:
-                return found, comments, line
-            if line.text.startswith("COMMENT"):
-                comments.append(line.text[len("COMMENT") :].strip())
-                continue
-            name, value = self.pair(line)
+        for last in _without_comments(lines, comments):
+            if last.text == end:
+                return found, comments, last
+            name, value = self.pair(last)
             if name not in known:
-                raise self.error(line, str(unknown("keyword", name, known)))
+                raise self.error(last, str(unknown("keyword", name, known)))
             if name in found:
-                raise self.error(line, f"{name} occurs a second time.")
+                raise self.error(last, f"{name} occurs a second time.")
             if not value:
-                raise self.error(line, f"{name} has no value; add one, or remove the keyword.")
-            found[name] = value, line
+                raise self.error(last, f"{name} has no value; add one, or remove the keyword.")
+            found[name] = value, last
         raise self.error(last, f"the file ends before {end}.")
 
     def segment(self, lines: Iterator[_Line], version: str, begin: _Line) -> Segment:
@@ -181,15 +186,12 @@ class _Reader(NamedTuple):
             self.epoch(found[name][1], metadata, metadata[name], name) for name in ("START_TIME", "STOP_TIME")
         )
         form, count = metadata["ATTITUDE_TYPE"], len(FORMS[metadata["ATTITUDE_TYPE"]].columns)
-        for line in lines:
+        for line in _without_comments(lines, comments):
             last = line
             if line.text == "DATA_STOP":
                 if not epochs:
                     raise self.error(line, "there are no data between DATA_START and DATA_STOP.")
                 return epochs, rows, comments
-            if line.text.startswith("COMMENT"):
-                comments.append(line.text[len("COMMENT") :].strip())
-                continue
             cells = line.text.split()
             if len(cells) != count + 1:
                 raise self.error(
@@ -236,11 +238,10 @@ def _one_of(choices: tuple[str, ...], value: str) -> str:
 
 def _needed_in(version: str, form: str) -> tuple[str, ...]:
     """The required keywords of the metadata, for an ATTITUDE_TYPE."""
-    more = ["ATTITUDE_DIR"] if version == "1.0" else []
-    if version == "1.0" and form.startswith("QUATERNION"):
-        more.append("QUATERNION_TYPE")
-    if form.startswith("EULER_ANGLE"):
-        more.append("EULER_ROT_SEQ")
-    if form.endswith("/ANGVEL"):
-        more.append("ANGVEL_FRAME")
-    return (*_NEEDED, *more)
+    more = {
+        "ATTITUDE_DIR": version == "1.0",
+        "QUATERNION_TYPE": version == "1.0" and form.startswith("QUATERNION"),
+        "EULER_ROT_SEQ": form.startswith("EULER_ANGLE"),
+        "ANGVEL_FRAME": form.endswith("/ANGVEL"),
+    }
+    return (*_NEEDED, *(name for name, needed in more.items() if needed))
