@@ -8,7 +8,7 @@ import argparse
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
@@ -18,17 +18,17 @@ from typing import Any, NoReturn
 from . import options
 
 _CACHE_BYTES = 2**28
-# Where the function of each command is, imported only when it runs.
-_ACTIONS = {
-    "chart": "charts",
-    "run": "run",
-    "inspect": "saved",
-    "view": "saved",
-    "export": "saved",
-    "fit": "fit",
-    "stability": "stability",
-    "methods": "tables",
-    "scenes": "tables",
+_COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = {
+    # The module of its function, imported only when it runs; what adds its options; its help.
+    "chart": ("charts", options.chart, "errors of all methods against step, time and torque evaluations"),
+    "run": ("run", options.run, "integrate one scene, or many perturbed copies of it"),
+    "inspect": ("saved", options.inspect, "check a run that was saved as .zarr, and draw it"),
+    "view": ("saved", options.view, "turn a saved run into a moving picture: HTML or GIF"),
+    "export": ("saved", options.export, "write the attitudes of one body of a saved run as CSV"),
+    "fit": ("fit", options.fit, "moments and initial rates of a body from measured angular velocities"),
+    "stability": ("stability", options.stability, "maps of where methods fail on a scene"),
+    "methods": ("tables", options.methods, "list the methods"),
+    "scenes": ("tables", options.scenes, "list the scenes"),
 }
 
 
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import jax
 
         jax.config.update("jax_enable_x64", True)  # before any array is created, including the arrays of scenes
-        getattr(import_module(f".{_ACTIONS[found.command]}", __package__), found.command)(found)
+        getattr(import_module(f".{_COMMANDS[found.command][0]}", __package__), found.command)(found)
     except KeyboardInterrupt:
         print("midlie: stopped", file=sys.stderr)
         return 130
@@ -111,7 +111,7 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a line."""
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
-        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_ACTIONS))}")
+        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_COMMANDS))}")
     if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions; see docs/start.md
         import argcomplete
 
@@ -140,13 +140,6 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
     parser.add_argument("--version", action=_ShowVersion)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
-    options.chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
-    options.run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
-    options.inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
-    options.view(commands.add_parser("view", help="turn a saved run into a moving picture: HTML or GIF"))
-    options.export(commands.add_parser("export", help="write the attitudes of one body of a saved run as CSV"))
-    options.fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
-    options.stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
-    options.names(commands.add_parser("methods", help="list the methods"), "any FLIGHT[SCHEME]; by default all methods")
-    options.names(commands.add_parser("scenes", help="list the scenes"), "by default a line on each scene")
+    for name, (_, add_options, text) in _COMMANDS.items():
+        add_options(commands.add_parser(name, help=text))
     return parser, dict(commands.choices)

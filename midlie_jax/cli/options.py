@@ -314,5 +314,11 @@ def fit(parser: argparse.ArgumentParser) -> None:
     add("--out", type=file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG")
 
 
-def names(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these, {what}{OWN}")
+def methods(parser: argparse.ArgumentParser) -> None:
+    what = f"only these, any FLIGHT[SCHEME]; by default all methods{OWN}"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=what)
+
+
+def scenes(parser: argparse.ArgumentParser) -> None:
+    what = f"only these, by default a line on each scene{OWN}"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=what)

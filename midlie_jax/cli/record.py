@@ -55,31 +55,23 @@ class Record(NamedTuple):
         return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes, *self.travel))
 
     @property
-    def energy_change(self) -> Change:
-        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
-
-    @property
-    def momentum_change(self) -> Change:
-        first = jax.tree.map(lambda x: x[0], self.states)
-        whole = balanced(self.scene.body, self.scene.torque, self.times, first)
-        return momentum_change(self.scene.torque, self.states, balanced=whole)
-
-    @property
-    def travel_changes(self) -> list[Change]:
-        """For a translating body, the change of its linear momentum, and the error of its position if known."""
-        if not self.travel:
-            return []
-        scene, states = self.scene, self.states
-        linear = linear_change(scene.body, scene.torque, self.times, states)
-        place = None if self.several else _place_change(scene.body.mass, scene.torque, self.times, states)
-        return [linear, *([place] if place else [])]
+    def changes(self) -> list[Change]:
+        """Of energy and momentum; for a translating body also of its linear momentum, and of its place if known."""
+        scene, times, states = self.scene, self.times, self.states
+        acting = scene.body, scene.torque, times
+        whole = balanced(*acting, jax.tree.map(lambda x: x[0], states))
+        found = [energy_change(*acting, states), momentum_change(scene.torque, states, balanced=whole)]
+        if self.travel:
+            place = None if self.several else _place_change(scene.body.mass, scene.torque, times, states)
+            found += [linear_change(*acting, states), *([place] if place else [])]
+        return found
 
     @property
     def errors(self) -> list[tuple[str, str]]:
         """The lines of the report on what the exact motion conserves."""
-        named = ("energy", self.energy_change), ("momentum", self.momentum_change)
-        each = (*named, *((change.name, change) for change in self.travel_changes))
-        return [(f"{name} error, largest relative", change.in_words) for name, change in each]
+        changes = self.changes
+        names = ["energy", "momentum", *(change.name for change in changes[2:])]
+        return [(f"{n} error, largest relative", change.in_words) for n, change in zip(names, changes, strict=True)]
 
     @property
     def several(self) -> bool:

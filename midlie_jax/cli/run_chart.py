@@ -57,14 +57,15 @@ def run_figure(record: Record) -> Any:
     grid = figure.add_gridspec(2, 3 if travels else 2)
     unit = record.scene.time_unit or "time"
     time = f"Time t  [{unit}]"
-    _change(figure.add_subplot(grid[0, 0]), record, record.energy_change, time)
-    _change(figure.add_subplot(grid[1, 0]), record, record.momentum_change, time)
+    energy, momentum, *others = record.changes
+    _change(figure.add_subplot(grid[0, 0]), record, energy, time)
+    _change(figure.add_subplot(grid[1, 0]), record, momentum, time)
     _trace(figure.add_subplot(grid[0, 1]), record)
     stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
     _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)
     if travels:
         _flight_path(figure.add_subplot(grid[0, 2]), record)
-        _change(figure.add_subplot(grid[1, 2]), record, record.travel_changes[0], time)
+        _change(figure.add_subplot(grid[1, 2]), record, others[0], time)
     return figure
 
 
