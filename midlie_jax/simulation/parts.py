@@ -35,7 +35,7 @@ class Progress(NamedTuple):
     first_bad: np.ndarray  # `Simulation.first_bad` of these rows, from the steps taken so far
     steps: int = 0  # of the part taken so far
     seen: tuple[Arrays, ...] = ()  # the values that the part will write, in pieces ordered by time
-    series: Any = None  # the carry of a statistic over times; until the part is complete, that of the earlier parts
+    series: Any = None  # the carry of a statistic over times; until the part is complete, of the earlier parts
     span: int = 0
 
     def all_seen(self) -> Arrays:
