@@ -56,7 +56,7 @@ class Record(NamedTuple):
 
     @property
     def changes(self) -> list[Change]:
-        """The changes of energy and momentum; for a translating body also of its linear momentum, and place if known."""
+        """The changes of energy and momentum; of a translating body also of its linear momentum, and place if known."""
         scene, times, states = self.scene, self.times, self.states
         acting = scene.body, scene.torque, times
         whole = balanced(*acting, jax.tree.map(lambda x: x[0], states))
