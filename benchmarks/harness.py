@@ -226,7 +226,7 @@ def in_turn(calls: Iterable[Callable[[], Any]], rounds: int, most: int | None = 
 
 
 class Line(NamedTuple):
-    """A line of a chart, or marks. A name is written at its last point. `options` are for `axes.plot`."""
+    """A line of a chart, or marks. Names are in the legend. `options` are for `axes.plot`."""
 
     name: str
     x: Any
@@ -252,7 +252,7 @@ def chart(
     path: Path, rows: Sequence[Sequence[Panel]], size: tuple[float, float], title: str = "", note: str = "", **room: Any
 ) -> None:
     """Writes a PNG of panels in rows; size in inches, `room` as for `subplots_adjust`."""
-    from midlie_jax.cli.figures import End, heading, label_ends, new_figure, panel, write
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
 
     figure = new_figure(*size)
     if title:
@@ -264,10 +264,12 @@ def chart(
         axes.set(**one.options)
         for line in one.lines:
             style = [line.style] if line.style else []
-            axes.plot(line.x, line.y, *style, **{"color": line.colour, **line.options})
+            axes.plot(line.x, line.y, *style, **{"color": line.colour, "label": line.name or None, **line.options})
         one.more(axes)
         named = [line for line in one.lines if line.name]
-        label_ends(axes, [End(line.name, line.colour, line.x[-1], line.y[-1], line.bold) for line in named])
+        legend = axes.legend(fontsize=9, frameon=False) if named else None
+        for text, line in zip(legend.get_texts() if legend else [], named, strict=False):
+            text.set(color=line.colour, weight="bold" if line.bold else "normal")
     write(figure, str(path))
 
 

@@ -7,7 +7,7 @@ show the attitude error against its cost, in time and in torque evaluations.
 import argparse
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -36,7 +36,6 @@ from .figures import (
     styles,
     write,
 )
-from .scenes import Scene
 from .tables import progress_bar, require, show_table
 
 _OF_OTHER_BODIES = (  # methods measured on translating bodies and on axes, if they support them
@@ -62,13 +61,9 @@ _RIVALS = {
 }
 
 
+@one_core()
 def chart(options: argparse.Namespace) -> None:
     """Measures on one core, prints the table and draws the chart."""
-    with one_core():
-        _measure_and_draw(options)
-
-
-def _measure_and_draw(options: argparse.Namespace) -> None:
     require("matplotlib", "tqdm")
     scene = chosen.scene(options.scene)
     if scene.start.several:
@@ -79,15 +74,20 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
     methods = chosen.methods(options.methods or (), scene.body) or _usual(scene.body)
     names = [method.name for method in methods]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
-    path = options.out or _in_current_folder(f"chart-{scene.name}.png")
+    path = options.out or f"chart-{scene.name}.png"
+    if not (options.out or os.access(".", os.W_OK)):
+        raise ValueError(f"cannot write {path} in this folder: permission denied; give another file with --out.")
     load, clock = Load(), cost_clock()
     reference = convergence.find_reference(scene, rungs[-1])
     title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
     described = f"{reference.source}, relative uncertainty {reference.uncertainty:.0e}"
     batch = f"per body in a batch of {convergence.COPIES}"
     print(f"{title}\nErrors at the end against the {described}.", flush=True)
-    note = _not_figure_1(scene)
-    print(f"{note}\n" if note else "", flush=True)
+    if not isinstance(scene.body, RigidBody):
+        what = "the axis" if isinstance(scene.start, AxisState) else "the attitude"
+        body = f"{type(scene.body).__name__}. R is {what}"
+        print(f"Not the paper's Figure 1, which is for rigid bodies without translation: this is a {body}.")
+    print(flush=True)
     with progress_bar(len(methods) * len(rungs), "run") as bar:
         bar.set_description(names[0])
 
@@ -98,15 +98,12 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
 
         rows, rounds = convergence.survey(scene, methods, rungs, reference, show_progress)
     travels = reference.position is not None
-    show_table(
-        [*_HEADS[:6], *(["error x"] if travels else []), *_HEADS[6:]],
-        [
-            cells
-            for row in rows
-            for cells in ([[]] if row.steps == rungs[0] and row is not rows[0] else []) + [_cells(row, travels)]
-        ],
-    )
-    medians = "medians of one round" if rounds == 1 else f"medians of {rounds} rounds over all methods"
+    table = list[list[str]]()
+    for row in rows:
+        table += [[]] if table and row.steps == rungs[0] else []
+        table.append(_cells(row, travels))
+    show_table([*_HEADS[:6], *(["error x"] if travels else []), *_HEADS[6:]], table)
+    medians = f"medians of {rounds} rounds over all methods"
     spread = f"half the distance between quartiles ({spread_in_words([row.spread for row in rows])})"
     time_name, warning = clock.name.capitalize(), load.warning()
     print(f"\n{time_name}, {batch}: {medians}; +-: {spread}.")
@@ -133,21 +130,6 @@ def _usual(body: Any) -> list[Method]:
     return found
 
 
-def _not_figure_1(scene: Scene) -> str:
-    """A line if this is not the figure of the paper; "" otherwise."""
-    if isinstance(scene.body, RigidBody):
-        return ""
-    what = "the axis" if isinstance(scene.start, AxisState) else "the attitude"
-    body = type(scene.body).__name__
-    return f"Not the paper's Figure 1, which is for rigid bodies without translation: this is a {body}. R is {what}."
-
-
-def _in_current_folder(name: str) -> str:
-    if not os.access(".", os.W_OK):
-        raise ValueError(f"cannot write {name} in this folder: permission denied; give another file with --out.")
-    return name
-
-
 def _cells(row: convergence.Row, travels: bool) -> list[str]:
     if row.failure:
         return [row.method, f"{row.dt:.6g}", f"failed: {row.failure}"]
@@ -167,17 +149,15 @@ def _cells(row: convergence.Row, travels: bool) -> list[str]:
     ]
 
 
-def convergence_chart(
-    rows: Sequence[Row], path: str, *, title: str, reference: str, clock: str = "Time  [s]", timing: str = ""
-) -> None:
+def convergence_chart(rows: Sequence[Row], path: str, **words: str) -> None:
     """Draws the rows, except those that failed or have no finite error, and writes a PNG."""
-    write(convergence_figure(rows, title=title, reference=reference, clock=clock, timing=timing), path)
+    write(convergence_figure(rows, **words), path)
 
 
 def convergence_figure(
     rows: Sequence[Row], *, title: str, reference: str, clock: str = "Time  [s]", timing: str = ""
 ) -> Any:
-    """The chart as a matplotlib figure, which needs no display; arguments as for `convergence_chart`."""
+    """The chart as a matplotlib figure, which needs no display."""
     figure = new_figure(14.0, 11.0)
     finite = [row for row in rows if not row.failure and math.isfinite(row.momentum_error + row.attitude_error)]
     if not finite:
@@ -188,17 +168,16 @@ def convergence_figure(
         name: [row for row in finite if row.method == name] for name in dict.fromkeys(row.method for row in finite)
     }
     looks, torque_free = _looks(list(lines)), all(row.evaluations == 0 for row in finite)
-    momentum, attitude = (lambda row: row.momentum_error), (lambda row: row.attitude_error)
     pi, r = "Error of body momentum  |Π - Π*|  [mass·length²/time]", "Error of attitude  |R - R*|, Frobenius  [-]"
-    effort, label, work = (lambda row: row.evaluations), "Torque evaluations, whole run  [-]", "torque evaluations"
+    effort, label, work = "evaluations", "Torque evaluations, whole run  [-]", "torque evaluations"
     if torque_free:
-        effort, label, work = (lambda row: row.steps), "Steps, whole run  [-]  (no torque to evaluate)", "steps"
+        effort, label, work = "steps", "Steps, whole run  [-]  (no torque to evaluate)", "steps"
     panels = figure.subplots(2, 2)
     for axes, x, y, x_label, y_label, name in (
-        (panels[0, 0], _step, momentum, "Step h  [time]", pi, "Body momentum against step"),
-        (panels[1, 0], _step, attitude, "Step h  [time]", r, "Attitude against step"),
-        (panels[0, 1], _seconds, attitude, clock, r, "Attitude against time"),
-        (panels[1, 1], effort, attitude, label, r, f"Attitude against {work}"),
+        (panels[0, 0], "dt", "momentum_error", "Step h  [time]", pi, "Body momentum against step"),
+        (panels[1, 0], "dt", "attitude_error", "Step h  [time]", r, "Attitude against step"),
+        (panels[0, 1], "seconds", "attitude_error", clock, r, "Attitude against time"),
+        (panels[1, 1], effort, "attitude_error", label, r, f"Attitude against {work}"),
     ):
         panel(axes, name, x_label, y_label)
         _draw(axes, lines, looks, x, y)
@@ -210,14 +189,6 @@ def convergence_figure(
     return figure
 
 
-def _step(row: Row) -> float:
-    return row.dt
-
-
-def _seconds(row: Row) -> float:
-    return row.seconds
-
-
 def _looks(names: Sequence[str]) -> dict[str, Style]:
     """The style of each line: colours of the LIEMID family are cool and of the others warm, while there are any."""
     family = [name for name in names if name.startswith("LIEMID")]
@@ -227,33 +198,28 @@ def _looks(names: Sequence[str]) -> dict[str, Style]:
     return looks | styles([name for name in names if name not in looks], left, DASHED, ours=False, fixed=_RIVALS)
 
 
-def _draw(
-    axes: Any,
-    lines: dict[str, list[Row]],
-    looks: dict[str, Style],
-    across: Callable[[Row], float],
-    error: Callable[[Row], float],
-) -> None:
+def _draw(axes: Any, lines: dict[str, list[Row]], looks: dict[str, Style], across: str, error: str) -> None:
+    """Draws one attribute of the rows against another."""
     axes.set(xscale="log", yscale="log")
     for index, (name, rows) in enumerate(lines.items()):
         style = looks[name]
-        x = [across(row) for row in rows]
+        x = [getattr(row, across) for row in rows]
         # An error of exactly zero has no logarithm, so it is drawn below all rounding errors.
-        y = [max(error(row), 1e-17) for row in rows]
+        y = [max(getattr(row, error), 1e-17) for row in rows]
         shape = style.drawn(2.4, 7.5) if style.ours else style.drawn(1.3, 6.0)
         axes.plot(x, y, label=name, zorder=(4 if style.ours else 3) - 0.01 * index, **shape)
-        if across is _seconds:
+        if across == "seconds":
             spread_bars(axes, x, y, [row.spread for row in rows], style.colour)
     axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
-    if across is _step:
-        steps = sorted({across(row) for rows in lines.values() for row in rows})
+    if across == "dt":
+        steps = sorted({row.dt for rows in lines.values() for row in rows})
         steps = steps[:: -(-len(steps) // 8)]
         axes.set_xticks(steps, labels=[f"{h:g}" for h in steps])
         axes.minorticks_off()
     # Slopes of order 1 and 2, in the corner that the lines leave empty.
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
     length, base = min(0.5 * (x1 - x0), 0.14 * (y1 - y0)), y0 + 0.03 * (y1 - y0)
-    foot, tip = (x1 - length, x1) if across is _step else (x0 + length, x0)
+    foot, tip = (x1 - length, x1) if across == "dt" else (x0 + length, x0)
     for order, dash in ((1, ":"), (2, "--")):
         ends = [10**foot, 10**tip], [10**base, 10 ** (base + order * length)]
         axes.plot(*ends, color=FAINT, linestyle=dash, label=f"order {order}")

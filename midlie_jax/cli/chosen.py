@@ -24,30 +24,19 @@ from .scenes import Scene
 
 
 def method(chosen: str | Method) -> Method:
-    """The method with this name or MODULE:NAME, or the method itself.
-
-    Raises:
-        ValueError: there is no such method, the module cannot be imported, or its method has the name of a method of
-            this package, so files and tables could not distinguish them.
-    """
+    """The method with this name or MODULE:NAME, or the method itself; a custom one needs a name of its own."""
     if not isinstance(chosen, str) or ":" not in chosen:
         return as_method(chosen)
     found = _own(chosen, Method, "method")
-    if isinstance(found, Flight):
-        raise ValueError(f"{chosen} is a flight; make a method of it: midlie_jax.method({chosen.split(':')[1]}, 'EA').")
-    own: Method = _of_kind(chosen, found, Method, "method")
-    if not _is_free(own):
-        raise ValueError(
-            f"{chosen} has the name of a method of midlie_jax, {own.name!r}; give the method another name."
-        )
-    return own
-
-
-def _is_free(own: Method) -> bool:
     try:
-        return bool(as_method(own.name) == own)
+        free = bool(as_method(found.name) == found)
     except ValueError:
-        return True
+        free = True
+    if not free:
+        raise ValueError(
+            f"{chosen} has the name of a method of midlie_jax, {found.name!r}; give the method another name."
+        )
+    return found
 
 
 def origin(chosen: str) -> str:
@@ -56,15 +45,7 @@ def origin(chosen: str) -> str:
 
 
 def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
-    """The chosen methods, which must support rigid bodies; each is listed once.
-
-    Args:
-        chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
-        body: the body that they must support, if not a `RigidBody`.
-
-    Raises:
-        ValueError: one of them is not a method, does not support such bodies, or has the name of another method.
-    """
+    """The chosen methods, which must support the body, by default rigid bodies; each is listed once."""
     found: dict[str, Method] = {}
     for one in map(method, chosen):
         if body is None or isinstance(body, RigidBody):
@@ -82,42 +63,34 @@ def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
 
 
 def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
-    """The scene with this name or MODULE:NAME, or the scene itself.
-
-    Args:
-        chosen: the scene.
-        dtype: the required dtype of its arrays; by default any, and for a name as for `scenes.scene`.
-
-    Raises:
-        ValueError: there is no such scene, it has another dtype, or the module cannot be imported.
-    """
+    """The scene with this name or MODULE:NAME, or the scene itself; its arrays must have the dtype, if given."""
     if isinstance(chosen, str) and ":" not in chosen:
         return scenes.scene(chosen, dtype)
-    name, given = (chosen, _own(chosen, Scene, "scene")) if isinstance(chosen, str) else ("scene", chosen)
-    found: Scene = _of_kind(name, given, Scene, "scene")
+    found: Scene = _own(chosen, Scene, "scene")
     own = found.start.momentum.dtype
     if dtype is not None and own != dtype:
         raise ValueError(f"scene {found.name!r} must be in {jnp.dtype(dtype)}, got {own}; convert its arrays.")
     return found
 
 
-def _of_kind(name: str, found: Any, kind: type, word: str) -> Any:
+def _own(chosen: Any, kind: type, word: str) -> Any:
+    """The object MODULE:NAME, or the object itself; `kind` and `word` describe the required kind of object."""
+    found, name = (_named(chosen, kind, word), chosen) if isinstance(chosen, str) else (chosen, word)
+    if kind is Method and isinstance(found, Flight):
+        raise ValueError(f"{chosen} is a flight; make a method of it: midlie_jax.method({chosen.split(':')[1]}, 'EA').")
     if not isinstance(found, kind):
-        raise ValueError(f"{name} is {_with_article(described(found))}, not a {word}; see docs/extending.md.")
+        what = described(found)
+        article = "" if what.startswith("an ") else "an " if what[0].lower() in "aeiou" else "a "
+        raise ValueError(f"{name} is {article}{what}, not a {word}; see docs/extending.md.")
     return found
 
 
-def _with_article(text: str) -> str:
-    return text if text.startswith("an ") else f"{'an' if text[0].lower() in 'aeiou' else 'a'} {text}"
-
-
-def _own(text: str, kind: type, word: str) -> Any:
-    """The object MODULE:NAME; `kind` and `word` describe the required kind of object."""
+def _named(text: str, kind: type, word: str) -> Any:
     module, _, name = text.partition(":")
     if not (module and name):
         raise ValueError(f"{text!r} must be MODULE:NAME, as in my_module:my_{word}.")
     if module.endswith(".py"):
-        raise ValueError(f"{text!r} names a file; write {_as_module(module)}:{name}.")
+        raise ValueError(f"{text!r} names a file; write {module[:-3].replace(os.sep, '.').strip('.')}:{name}.")
     found = _imported(module, name)
     for part in name.split("."):
         if not hasattr(found, part):
@@ -125,10 +98,6 @@ def _own(text: str, kind: type, word: str) -> Any:
             raise ValueError(f"module {module!r} has no {name!r}; its {word}s are {known or 'none'}.")
         found = getattr(found, part)
     return found
-
-
-def _as_module(file: str) -> str:
-    return file.removesuffix(".py").replace(os.sep, ".").strip(".")
 
 
 def _imported(module: str, name: str) -> Any:

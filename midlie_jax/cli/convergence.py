@@ -1,15 +1,14 @@
 """Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
 
-`measure` yields each row as soon as it is computed. `survey` also times every method again in further rounds over all
-methods. A temporary slowdown of the machine then widens the spread of all times instead of distorting one.
-
-The step and the number of steps are arguments of the compiled program, so one compilation serves the whole ladder of a
-method. Only the first steps of a run are timed, the same number on every rung.
+All methods are timed in turn, so a temporary slowdown of the machine widens the spread of all times instead of
+distorting one. Step and number of steps are arguments of the compiled program, so one compilation serves the whole
+ladder of a method. Only the first steps of a run are timed, the same number on every rung.
 """
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -32,9 +31,7 @@ from .scenes import Scene
 
 COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a loop is negligible
 LEVELS = 5  # rungs of the ladder by default
-_TIMINGS = 5  # timings of a rung in the first round
-_ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
-_AGAIN = 3  # timings of a rung in each further round: together more than in the first round
+_LEAST_ROUNDS, _MOST_ROUNDS, _SECONDS = 5, 11, 5.0  # of timings; after these seconds no further round starts
 _COARSEST = {"P1": 500}  # steps on the first rung in the paper's figure; other scenes use twice the step of the scene
 _ROMBERG = 4  # number of extrapolated runs if no exact end is known
 _MOST_RADIANS = 1e4  # of a rotation whose exact end is computed, in about ten seconds
@@ -44,69 +41,35 @@ _OF_HIGH_ORDER = "GBS12"  # the reference for translating bodies, whose forces m
 
 
 class Reference(NamedTuple):
-    """The end of a scene against which errors are measured.
+    """The end of a scene against which errors are measured."""
 
-    Attributes:
-        momentum: body-frame angular momentum, (3,); for an axis, in space.
-        attitude: rotation matrix, body to space, (3, 3); or the axis, (3,).
-        source: the method of computation.
-        uncertainty: estimate of the error of momentum and attitude, relative to their norms.
-        position: of a translating body, (3,).
-    """
-
-    momentum: np.ndarray
-    attitude: np.ndarray
-    source: str
-    uncertainty: float
-    position: np.ndarray | None = None
+    momentum: np.ndarray  # body frame, (3,); for an axis, in space
+    attitude: np.ndarray  # rotation matrix, body to space, (3, 3); or the axis, (3,)
+    source: str  # the method of computation
+    uncertainty: float  # estimate of the error of momentum and attitude, relative to their norms
+    position: np.ndarray | None = None  # of a translating body, (3,)
 
 
 class Row(NamedTuple):
-    """One method at one step size.
-
-    Attributes:
-        method: its name.
-        dt: step, in the scene's unit of time.
-        steps: number of steps.
-        momentum_error: |Pi - Pi_reference| at the end, body frame.
-        attitude_error: |R - R_reference| at the end, Frobenius norm.
-        momentum_slope, attitude_slope: order of accuracy measured from the previous rung to this one; NaN on the first.
-        evaluations: torque evaluations of the run; 0 without torque.
-        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; on a CPU, processor time
-            of all threads (`timing.cost_clock`).
-        ok: whether every solve converged and every number is finite.
-        failure: the error that stopped the method; "" if there was none.
-        spread: half the distance between the quartiles of the timings, relative to the median.
-        position_error: |x - x_reference| at the end, for a translating body.
-    """
+    """One method at one step size."""
 
     method: str
     dt: float
     steps: int
-    momentum_error: float = math.nan
-    attitude_error: float = math.nan
-    momentum_slope: float = math.nan
+    momentum_error: float = math.nan  # |Pi - Pi_reference| at the end, body frame
+    attitude_error: float = math.nan  # |R - R_reference| at the end, Frobenius norm
+    momentum_slope: float = math.nan  # order of accuracy from the previous rung to this one
     attitude_slope: float = math.nan
-    evaluations: int = 0
-    seconds: float = math.nan
-    ok: bool = False
-    failure: str = ""
-    spread: float = math.nan
-    position_error: float = math.nan
+    evaluations: int = 0  # torque evaluations of the run
+    seconds: float = math.nan  # median time of the run for one body in a batch of `COPIES`, by `timing.cost_clock`
+    ok: bool = False  # whether every solve converged and every number is finite
+    failure: str = ""  # the error that stopped the method
+    spread: float = math.nan  # half the distance between the quartiles of the timings, relative to the median
+    position_error: float = math.nan  # of a translating body
 
 
 def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
-    """Numbers of steps, each twice the previous number.
-
-    Args:
-        scene: from `midlie_jax.cli.scenes.scene`.
-        coarsest: steps on the first rung; by default as in the paper's figure, otherwise for twice the step of the
-            scene.
-        levels: number of rungs.
-
-    Raises:
-        ValueError: a number is not positive, or the last rung has too many steps.
-    """
+    """Numbers of steps, each twice the previous; by default as in the paper's figure, or from twice a scene's step."""
     if coarsest is None:
         coarsest = _COARSEST.get(scene.name, max(1, scene.steps // 2))
     if coarsest < 1 or levels < 1:
@@ -116,15 +79,6 @@ def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> l
     return [coarsest * 2**level for level in range(levels)]
 
 
-def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
-    """A row for each method and rung, in that order, each as soon as it is computed.
-
-    If a method raises an error, its rows report the error in `failure` and the next method is measured.
-    """
-    for method in chosen.methods(methods, scene.body):
-        yield from _Ladder(scene, method, rungs, reference).rows()
-
-
 def survey(
     scene: Scene,
     methods: Sequence[str | Method],
@@ -132,25 +86,55 @@ def survey(
     reference: Reference,
     report: Callable[[Row], None] = lambda row: None,
 ) -> tuple[list[Row], int]:
-    """The rows of `measure`, with times from several rounds over all methods.
+    """A row for each method and rung, in that order, and the number of rounds in which all were timed.
 
-    `report` is called with each row of the first round.
-
-    Returns:
-        The rows, and the number of rounds, which is smaller if rounds take seconds.
+    `report` is called with each row before it is timed. If a method raises an error, its rows have the error in
+    `failure`.
     """
-    ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods, scene.body)]
-    for measured in ladders:
-        for row in measured.rows():
+    rows, runs = list[Row](), dict[int, Callable[[], Any]]()
+    for method in chosen.methods(methods, scene.body):
+        program, failure, before = None, "", None
+        for steps in rungs:
+            row = Row(method.name, scene.duration / steps, steps, failure=failure)
+            try:
+                if not failure:
+                    program = program or _program(method, scene, rungs[0], COPIES)
+                    row = _measured(program, scene, row, before, reference)
+                    runs[len(rows)] = partial(program.run, row.dt, rungs[0])
+            except Exception as error:  # the other methods are measured even if one raises an error
+                reason = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+                failure = reason if program is None else ""  # a method that does not compile fails on all rungs
+                row = row._replace(failure=reason)
+            before = row
+            rows.append(row)
             report(row)
-    rounds, began = 1, time.perf_counter()
-    for _ in range(_ROUNDS):
-        if time.perf_counter() - began + sum(measured.round_seconds() for measured in ladders) > _ROUND_SECONDS:
-            break
-        for measured in ladders:
-            measured.time_again()
+    watches, rounds, began = {i: Stopwatch() for i in runs}, 0, time.perf_counter()
+    while rounds < _LEAST_ROUNDS or (rounds < _MOST_ROUNDS and time.perf_counter() - began < _SECONDS):
+        for i, run in runs.items():
+            watches[i].time(run)
         rounds += 1
-    return [row for measured in ladders for row in measured.timed_rows()], rounds
+    for i, watch in watches.items():
+        timing = watch.timing()
+        seconds = timing.seconds * (rows[i].steps // rungs[0]) / COPIES
+        rows[i] = rows[i]._replace(seconds=seconds, spread=timing.spread)
+    return rows, rounds
+
+
+def _measured(program: Program, scene: Scene, row: Row, before: Row | None, reference: Reference) -> Row:
+    """The row with its errors; `before` is the row of the rung before."""
+    state, ok = _end(program, row.dt, row.steps)
+    momentum = float(np.linalg.norm(state.momentum - reference.momentum))
+    attitude = float(np.linalg.norm(_pose(state) - reference.attitude))
+    place = reference.position
+    return row._replace(
+        momentum_error=momentum,
+        attitude_error=attitude,
+        momentum_slope=_slope(before.momentum_error if before else math.nan, momentum),
+        attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
+        evaluations=0 if scene.torque is None else program.method.evaluations * row.steps,
+        ok=ok,
+        position_error=math.nan if place is None else float(np.linalg.norm(state.position - place)),
+    )
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
@@ -170,71 +154,6 @@ def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Progra
 def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
     states, ok = program.run(dt, steps)
     return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
-
-
-class _Ladder:
-    """One method on one scene over a ladder of step sizes, with a stopwatch for each rung."""
-
-    def __init__(self, scene: Scene, method: Method, rungs: Sequence[int], reference: Reference):
-        self.scene, self.method, self.rungs, self.reference = scene, method, rungs, reference
-        self.program: Program | None = None
-        self.watches = {steps: Stopwatch() for steps in rungs}
-        self.measured: list[Row] = []
-
-    def rows(self) -> Iterator[Row]:
-        failure = ""
-        for steps in self.rungs:
-            row = Row(self.method.name, self.scene.duration / steps, steps, failure=failure)
-            try:
-                if self.program is None and not failure:
-                    self.program = _program(self.method, self.scene, self.rungs[0], COPIES)
-                if self.program is not None:
-                    row = self._row(self.program, row)
-            except Exception as error:  # the other methods are measured even if one raises an error
-                reason = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-                failure = reason if self.program is None else ""  # a method that does not compile fails on all rungs
-                row = row._replace(failure=reason)
-            self.measured.append(row)
-            yield row
-
-    def _row(self, program: Program, row: Row) -> Row:
-        before = self.measured[-1] if self.measured else None
-        state, ok = _end(program, row.dt, row.steps)
-        self._time(program, row, _TIMINGS)
-        momentum = float(np.linalg.norm(state.momentum - self.reference.momentum))
-        attitude = float(np.linalg.norm(_pose(state) - self.reference.attitude))
-        place = self.reference.position
-        evaluations = 0 if self.scene.torque is None else program.method.evaluations * row.steps
-        return self._timed(
-            row._replace(
-                momentum_error=momentum,
-                attitude_error=attitude,
-                momentum_slope=_slope(before.momentum_error if before else math.nan, momentum),
-                attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
-                evaluations=evaluations,
-                ok=ok,
-                position_error=math.nan if place is None else float(np.linalg.norm(state.position - place)),
-            )
-        )
-
-    def _time(self, program: Program, row: Row, laps: int) -> None:
-        for _ in range(laps):
-            self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
-
-    def time_again(self) -> None:
-        for row in self.measured:
-            if self.program is not None and not row.failure:
-                self._time(self.program, row, _AGAIN)
-
-    def round_seconds(self) -> float:
-        return sum((_AGAIN * self.watches[row.steps].timing().seconds for row in self.measured if not row.failure), 0.0)
-
-    def timed_rows(self) -> list[Row]:
-        return [row if row.failure else self._timed(row) for row in self.measured]
-
-    def _timed(self, row: Row) -> Row:
-        timing = self.watches[row.steps].timing()
-        return row._replace(seconds=timing.seconds * (row.steps // self.rungs[0]) / COPIES, spread=timing.spread)
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:

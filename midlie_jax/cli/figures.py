@@ -1,4 +1,4 @@
-"""Shared code of all charts: the heading, the style of a panel, of a line and of its name, and a small PNG.
+"""Shared code of all charts: the heading, the style of a panel and of a line, and a small PNG.
 
 The colours come from Okabe and Ito (Color Universal Design, 2008), with a few dark colours that are equally easy to
 distinguish in any colour vision (`tests/test_charts.py`). Cool colours are for the methods of this package, warm
@@ -6,12 +6,10 @@ colours for others. matplotlib is an optional dependency, imported only when a c
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
-from itertools import count
+from itertools import cycle, islice
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from ..plot.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from ..plot.style import new_figure as new_figure
@@ -28,9 +26,6 @@ _MARKS = ("o", "^", "s", "v", "D", "P", "X", "<", "p", ">", "d", "h", "*")  # 13
 SOLID, DASHED = "-", (0, (4, 2))
 _DASHES = ((0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (8, 2, 1, 2, 1, 2)))  # for more lines than colour-mark pairs
 RING = "ring"  # a mark that is visible around another mark
-_MOST_NAMES = 8  # lines with their names beside them; more lines are named in a legend
-_NAME = 9.0  # font size of the names of lines, points
-_GAP, _LEADER = 1.3, 26.0  # between the middles of two names, in font sizes; and from the last end of a line, points
 _CLEAR = 36.0  # points from the heading to the panels: the height of a panel's title and a gap above and below
 
 
@@ -67,14 +62,12 @@ def write(figure: Any, path: str) -> None:
 
 def few_colours(png: bytes) -> bytes:
     """The same picture with fewer colours, in a file of about half the size."""
-    from PIL import Image, PngImagePlugin  # matplotlib also needs it
+    from PIL import Image  # matplotlib also needs it
 
     picture = Image.open(BytesIO(png)).convert("RGB")
     few = picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    maker = PngImagePlugin.PngInfo()
-    maker.add_text("Software", "midlie_jax")
     small = BytesIO()
-    few.save(small, format="PNG", optimize=True, pnginfo=maker)
+    few.save(small, format="PNG", optimize=True)
     return small.getvalue()
 
 
@@ -86,17 +79,12 @@ def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Seque
 
 
 class Style(NamedTuple):
-    """Attributes:
-    colour: as in matplotlib.
-    mark: matplotlib's marker, or `RING`.
-    dash: matplotlib's line style.
-    ours: whether marks are filled, for methods of this package, or hollow.
-    """
+    """How a line is drawn."""
 
     colour: str
-    mark: str
+    mark: str  # matplotlib's marker, or `RING`
     dash: Any
-    ours: bool
+    ours: bool  # whether marks are filled, for methods of this package, or hollow
 
     def drawn(self, width: float, size: float) -> dict[str, Any]:
         """The arguments of `Axes.plot` for a line; width of the line and size of the marks in points."""
@@ -116,81 +104,12 @@ def styles(
     Each line has a colour of its own while there are any; further lines repeat the colours with other marks.
     """
     names, fixed = list(dict.fromkeys(names)), fixed or {}
-    given = [fixed[name] for name in names if name in fixed]
-    taken = {(style.colour, style.mark, style.dash) for style in given}
-    used = [colour for colour in colours if colour in {style.colour for style in given}]
-    ordered = [*(colour for colour in colours if colour not in used), *used]
-
-    def looks() -> Iterator[tuple[str, str, Any]]:
-        for i in count():
-            again = i // (len(ordered) * len(_MARKS))
-            look = ordered[i % len(ordered)], _MARKS[i % len(_MARKS)], _DASHES[again - 1] if again else dash
-            if look not in taken:
-                yield look
-
-    unused = looks()
+    taken = {fixed[name][:3] for name in names if name in fixed}
+    ordered = sorted(colours, key=[colour for colour, *_ in taken].count)
+    looks = (
+        (colour, mark, each)
+        for each in (dash, *_DASHES)
+        for colour, mark in islice(zip(cycle(ordered), cycle(_MARKS), strict=False), len(ordered) * len(_MARKS))
+    )
+    unused = (look for look in looks if look not in taken)
     return {name: fixed[name] if name in fixed else Style(*next(unused), ours) for name in names}
-
-
-class End(NamedTuple):
-    """The end (x, y) of a line, and the colour of its name."""
-
-    name: str
-    colour: str
-    x: float
-    y: float
-    bold: bool = False
-
-
-def label_ends(axes: Any, ends: Sequence[End], side: str = "right") -> None:
-    """Widens a panel on one side, and writes the names of at most eight lines there; more lines get a legend.
-
-    The limits of the panel, which must contain all its lines, and its place in the figure must already be final.
-    """
-    from matplotlib.text import Text
-
-    if len(ends) > _MOST_NAMES:
-        for end in ends:
-            own = (line for line in axes.lines if line.get_color() == end.colour)
-            line = next((line for line in own if [end.x, end.y] in line.get_xydata().tolist()), None)
-            (line or axes.plot([], [], color=end.colour)[0]).set_label(end.name)
-        axes.legend(fontsize=_NAME, frameon=False)
-        return
-    renderer, points = axes.figure.canvas.get_renderer(), 72 / axes.figure.dpi
-    right = side == "right"
-    texts = [
-        axes.annotate(
-            end.name,
-            (end.x, end.y),
-            fontsize=_NAME,
-            color=end.colour,
-            weight="bold" if end.bold else "normal",
-            va="center",
-            ha="left" if right else "right",
-            arrowprops={"arrowstyle": "-", "color": end.colour, "linewidth": 0.7, "relpos": (1.0 - right, 0.5)},
-        )
-        for end in ends
-    ]
-    whole = axes.bbox.width * points
-    # The text alone: the extent of an annotation includes its leader.
-    width = max((Text.get_window_extent(text, renderer).width * points for text in texts), default=0.0)
-    part = min((width + _LEADER) / whole, 0.8) if texts else 0.0  # at least a fifth of the panel is left to the lines
-    scale = axes.xaxis.get_transform()
-    low, high = scale.transform(np.array(axes.get_xlim()))
-    more = (high - low) * part / (1 - part)
-    axes.set_xlim(*scale.inverted().transform(np.array([low - more * (not right), high + more * right])))
-    heights = [axes.transData.transform((end.x, end.y))[1] * points for end in ends]
-    edges = axes.bbox.y0 * points + _NAME, axes.bbox.y1 * points - _NAME
-    across = 1 - width / whole if right else width / whole
-    for text, height in zip(texts, _apart(heights, _GAP * _NAME, *edges), strict=True):
-        text.xyann, text.anncoords = (across, height), ("axes fraction", "figure points")
-
-
-def _apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Heights in the same order and at least `gap` apart, from `low` upwards, and below `high` if there is room."""
-    order, ranks = np.argsort(heights, kind="stable"), gap * np.arange(len(heights))
-    # With the gaps subtracted, neighbours only have to be in order.
-    lowest = np.maximum.accumulate(np.maximum(np.asarray(heights)[order] - ranks, low))
-    placed = np.empty(len(heights))
-    placed[order] = np.minimum(lowest, max(low, high - sum(ranks[-1:]))) + ranks
-    return placed.tolist()

@@ -8,6 +8,8 @@ minima of a fit of the whole motion do not occur.
 
 import argparse
 from copy import copy
+from functools import reduce
+from operator import mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,8 +27,8 @@ from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
-from .fit_data import UNITS_OF_RATE, Field, Table, check_rates, read
-from .flight import free_flight, windows
+from .fit_data import UNITS_OF_RATE, Table, check_rates, read
+from .flight import FINE, MOST_POINTS, free_flight, windows
 from .tables import require
 
 _TURN = 0.5  # largest rotation per step, radians
@@ -41,29 +43,19 @@ _SLOW = 5.0  # percentage of the rows that may be slower than the smallest speed
 _ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
 _TOTAL = 5.5  # the sum of the moments
 _WINDOW = 1.0  # rotation of the body per window, radians
-_FINE = 0.05  # radians between two points of an integral
-_MOST_POINTS = 200_000
 _UNIT_LENGTH = 1e-3  # the largest error of the length of a quaternion
 
 
 class Problem(NamedTuple):
-    """The data and options of a fit.
+    """The data and options of a fit."""
 
-    Attributes:
-        options: of the command.
-        given: the options for `midlie_jax.fit`.
-        measurements: rates and, if there are a magnetometer and a star tracker, directions and attitudes.
-        table, field, tracker: the data of the files.
-        begin: the first time of all, the time of the start.
-    """
-
-    options: argparse.Namespace
-    given: dict[str, Any]
-    measurements: list[Any]
-    table: Table
-    field: Field | None
-    tracker: Field | None
-    begin: float
+    options: argparse.Namespace  # of the command
+    given: dict[str, Any]  # the options for `midlie_jax.fit`
+    measurements: list[Any]  # rates and, if there are a magnetometer and a star tracker, directions and attitudes
+    table: Table  # the rates
+    field: Table | None
+    tracker: Table | None
+    begin: float  # the first time of all, the time of the start
 
     @property
     def clock(self) -> bool:
@@ -74,13 +66,6 @@ class Problem(NamedTuple):
     def unit(self) -> float:
         """The unit of the rates in the file, in rad/s."""
         return UNITS_OF_RATE[self.options.unit]
-
-
-class Guess(NamedTuple):
-    """Moments (3,) with the sum 5.5, and the bias (3,), zero unless it was requested."""
-
-    moments: np.ndarray
-    bias: np.ndarray
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -100,13 +85,10 @@ def fit(options: argparse.Namespace) -> None:
 def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
     if result.ok and result.doubts == [result.aliases]:
         return []
-    bias = [] if options.bias else ["try --bias"]
-    part = ["if the file holds more than a free flight, give --from and --to"] if _whole(options) else []
-    return [" or, ".join(bias + part)] if bias + part else []
-
-
-def _whole(options: argparse.Namespace) -> bool:
-    return options.first is None and options.last is None
+    cures = [] if options.bias else ["try --bias"]
+    if options.first is options.last is None:
+        cures.append("if the file holds more than a free flight, give --from and --to")
+    return [" or, ".join(cures)] if cures else []
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -130,34 +112,38 @@ def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
     table, field, tracker = read(options)
     table = _flight(options, table)
-    field, tracker = (None if one is None else one.complete(*table.span) for one in (field, tracker))
+    others = dict[str, Table]()
     for name, one in (("magnetometer", field), ("tracker", tracker)):
-        if one is not None and not len(one.times):
+        if one is None:
+            continue
+        others[name] = one.chosen(np.all(np.isfinite(one.values), axis=1)).within(*table.span)
+        if not len(others[name].times):
             span = f"{table.shown(table.times[0])} to {table.shown(table.times[-1])}"
             raise ValueError(f"--{name} must have a complete row in the time of the rates, {span}; check its columns.")
+    field, tracker = others.get("magnetometer"), others.get("tracker")
     if options.magnetometer_data and field is not None:
         _check_overlap(options, table, field)
     begin = table.times[0] if field is None else min(table.times[0], field.times[0])
     last = max(one.times[-1] for one in (table, field) if one is not None) - begin
     sigma = (options.sigma or 1.0) * UNITS_OF_RATE[options.unit]
     bias, iron = "bias" if options.bias else None, "iron" if options.hard_iron else None
-    measurements: list[Any] = [Rates(table.times - begin, table.rates, sigma, bias=bias)]
+    measurements: list[Any] = [Rates(table.times - begin, table.values, sigma, bias=bias)]
     if field is not None:
         said, known = np.deg2rad(options.magnetometer_sigma), _UP if tracker is None else "field"
         late = "clock" if options.magnetometer_clock == "fitted" else None
-        seen = Directions(field.times - begin, field.vectors, said, reference=known, bias=iron, clock=late)
+        seen = Directions(field.times - begin, field.values, said, reference=known, bias=iron, clock=late)
         measurements.append(seen)
     if tracker is not None:
-        said, quaternions = np.deg2rad(options.tracker_sigma), tracker.vectors
+        said, quaternions = np.deg2rad(options.tracker_sigma), tracker.values
         lengths = np.linalg.norm(quaternions, axis=1)
         if (wrong := np.flatnonzero(np.abs(lengths - 1) > _UNIT_LENGTH)).size:
             where = f"{options.data}, line {tracker.lines[wrong[0]]}"
             raise ValueError(f"{where}: the length of a quaternion must be 1, got {lengths[wrong[0]]:.6g}.")
         if options.space_to_body:
-            tracker = tracker._replace(vectors=quaternions * [1.0, -1.0, -1.0, -1.0])
-        measurements.append(Attitudes(tracker.times - begin, tracker.vectors, said))
+            tracker = tracker._replace(values=quaternions * [1.0, -1.0, -1.0, -1.0])
+        measurements.append(Attitudes(tracker.times - begin, tracker.values, said))
         _check_convention(options, measurements)
-    speeds = np.linalg.norm(table.rates, axis=1)
+    speeds = np.linalg.norm(table.values, axis=1)
     if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
         raise ValueError("the data need two times and a body that rotates; check the columns.")
     given = {
@@ -173,14 +159,14 @@ def _problem(options: argparse.Namespace) -> Problem:
 def _flight(options: argparse.Namespace, table: Table) -> Table:
     """The rows of the free flight, unless the times of its ends are given."""
     times, rates = table.complete
-    found = free_flight(times, rates) if _whole(options) and len(times) > _ROWS else None
+    found = free_flight(times, rates) if options.first is options.last is None and len(times) > _ROWS else None
     if found is not None and (found[0] > times[0] or found[1] < times[-1]):
         table = table.within(*found)
         print(
             f"free flight: --from {table.shown(table.times[0])} --to {table.shown(table.times[-1])}, found by the rates"
             "; a part may be missing if the columns are over 5 degrees off the principal axes"
         )
-    check_rates(options.data, table.lines, table.rates / UNITS_OF_RATE[options.unit])
+    check_rates(options.data, table.lines, table.values / UNITS_OF_RATE[options.unit])
     _check_flight(options, table)
     return table
 
@@ -196,14 +182,14 @@ def _check_convention(options: argparse.Namespace, measurements: list[Any]) -> N
         raise ValueError(f"{options.data}: {told} {' and '.join(cures).capitalize()}.") from None
 
 
-def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
+def _check_overlap(options: argparse.Namespace, table: Table, field: Table) -> None:
     units = "check the units of time (--time-unit, --magnetometer-time-unit) and that both count from the same moment"
     if field.times[0] > table.times[-1] or field.times[-1] < table.times[0]:
         raise ValueError(
             f"{options.magnetometer_data} is of t = {field.times[0]:g} to {field.times[-1]:g} s, and {options.data} of "
             f"{table.times[0]:g} to {table.times[-1]:g} s; {units}."
         )
-    before = np.nanmedian(np.linalg.norm(table.rates, axis=1)) * (table.times[0] - field.times[0])
+    before = np.nanmedian(np.linalg.norm(table.values, axis=1)) * (table.times[0] - field.times[0])
     if before > _BEFORE:
         first = field.lines[np.searchsorted(field.times, table.times[0])]
         raise ValueError(
@@ -250,31 +236,31 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
 
 def _fitted(problem: Problem) -> Fit:
     """The best fit from the given moments or a guess by the rates; if doubtful, also from all six permutations."""
-    near, moments = _guess(problem.table, problem.options.bias), problem.options.moments
-    first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
+    (guess, bias), moments = _guess(problem.table, problem.options.bias), problem.options.moments
+    first = _from(problem, np.array(moments) if moments else guess, bias)
     if moments or (first.ok and not first.doubts):
         return first
-    others = [_from(problem, near._replace(moments=np.array(order))) for order in _ORDERS]
+    others = [_from(problem, np.array(order), bias) for order in _ORDERS]
     return min([first, *others], key=lambda result: (not result.ok, result.rms))
 
 
-def _from(problem: Problem, near: Guess) -> Fit:
+def _from(problem: Problem, moments: np.ndarray, bias: np.ndarray) -> Fit:
     options, table, field, tracker = problem.options, problem.table, problem.field, problem.tracker
-    rate = table.complete[1][0] - near.bias
-    start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
+    rate = table.complete[1][0] - bias
+    start: dict[str, Any] = {"moments": Moments(moments, scale="fixed"), "rate": Free(rate)}
     if options.bias:
-        start["bias"] = Free(near.bias)
+        start["bias"] = Free(bias)
     attitude = Rotation.identity()
     if tracker is not None:
-        since = _turned_back(table, near.bias, problem.begin, float(tracker.times[0]))
-        attitude = Rotation.from_quat(tracker.vectors[0], scalar_first=True) * since.inv()
+        since = _turned_back(table, bias, problem.begin, float(tracker.times[0]))
+        attitude = Rotation.from_quat(tracker.values[0], scalar_first=True) * since.inv()
         start["attitude"] = UnitQuaternion(attitude.as_quat(scalar_first=True))
     if field is not None:
-        seen = field.vectors
+        seen = field.values
         # In the body frame, the field of iron in the body is constant, and the measured field rotates about this
         # constant.
         iron = (seen.max(axis=0) + seen.min(axis=0)) / 2 if options.hard_iron else np.zeros(3)
-        since = _turned_back(table, near.bias, problem.begin, float(field.times[0]))
+        since = _turned_back(table, bias, problem.begin, float(field.times[0]))
         first = (attitude * since).apply(seen[0] - iron)  # in space with a star tracker, else in the body
         start["field"] = UnitVector(first / np.linalg.norm(first))
         if options.hard_iron:
@@ -300,8 +286,8 @@ def _print(problem: Problem, result: Fit) -> None:
     options, table, moments = problem.options, problem.table, np.asarray(result.values["moments"])
     shown = table.shown(problem.begin)
     print(
-        f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
-        f" moments with a sum of {moments.sum():g}, rates in {options.unit}, those at "
+        f"{options.data}: {np.sum(np.isfinite(table.values))} angular velocities at {len(table.times)} times; free "
+        f"body, moments with a sum of {moments.sum():g}, rates in {options.unit}, those at "
         + (shown if table.zero else f"t = {shown} {options.time_unit or 's'}")
     )
     if options.magnetometer_data and problem.field is not None:
@@ -341,7 +327,7 @@ def _draw(problem: Problem, result: Fit) -> None:
     for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
         style = {"color": colour, "markersize": 4}
         above.plot(problem.begin + times, curves[:, i] / problem.unit, color=colour, linewidth=1.2, label=f"Ω{i + 1}")
-        above.plot(table.times, table.rates[:, i] / problem.unit, ".", **style)
+        above.plot(table.times, table.values[:, i] / problem.unit, ".", **style)
         below.plot(table.times, residuals[:, i], ".", **style)
     above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     write(figure, options.out)
@@ -369,14 +355,14 @@ def _check_flight(options: argparse.Namespace, table: Table) -> None:
     )
 
 
-def _guess(table: Table, bias: bool) -> Guess:
-    """The best solution of the window equations, from starts with all six permutations of the moments.
+def _guess(table: Table, bias: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Moments with the sum 5.5, and the bias (3,), zero unless it is requested.
 
-    With `bias` the bias of the rates is also estimated.
+    They are the best solution of the window equations, from starts with all six permutations of the moments.
     """
     times, rates = table.complete
     if len(times) < 3:
-        return Guess(np.array(_ORDERS[0]), np.zeros(3))
+        return np.array(_ORDERS[0]), np.zeros(3)
     _, _, changes, products, linear = seen = windows(times - table.times[0], rates, _WINDOW)
     size = np.sqrt(np.mean(rates**2))
 
@@ -396,7 +382,7 @@ def _guess(table: Table, bias: bool) -> Guess:
         solution = least_squares(residuals, start, x_scale=scale, loss="soft_l1", f_scale=0.1, max_nfev=200)
         found.append((solution.cost, solution.x))
     best = min(found, key=lambda one: one[0])[1]
-    return Guess(_moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3))
+    return _moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3)
 
 
 def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Rotation:
@@ -406,13 +392,10 @@ def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Ro
     """
     times, rates = table.complete
     rates = rates - bias
-    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
+    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / FINE, 1, MOST_POINTS))
     middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
     turns = np.stack([np.interp(middles, times, rates[:, i]) for i in range(3)], axis=1)
-    found = Rotation.identity()
-    for turn in Rotation.from_rotvec(turns * (end - begin) / count):
-        found = found * turn
-    return found
+    return reduce(mul, Rotation.from_rotvec(turns * (end - begin) / count))
 
 
 def _moments(logs: np.ndarray) -> np.ndarray:

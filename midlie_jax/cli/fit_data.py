@@ -60,23 +60,14 @@ _FASTER = 1000.0  # a rate above the usual one by this factor counts as an error
 
 
 class Table(NamedTuple):
-    """The rows of a file, in seconds and radians per second.
+    """The rows of an instrument, with times in seconds; if the times of the file are dates, from its first row."""
 
-    Attributes:
-        times: (n,), in seconds: the times of the file, or from its first row if they are dates.
-        rates: (n, 3); NaN where a cell is empty.
-        lines: (n,), the number of each row's line in the file, from 1.
-        span: the times between which rows are used, in seconds; infinite without `first` and `last`.
-        unit: the unit of the file's times, in seconds.
-        zero: the date of the file's first row; None if its times are numbers.
-    """
-
-    times: np.ndarray
-    rates: np.ndarray
-    lines: np.ndarray
-    span: tuple[float, float]
-    unit: float
-    zero: Moment | None
+    times: np.ndarray  # (n,)
+    values: np.ndarray  # rates or vectors (n, 3), or quaternions (n, 4); NaN where a cell is empty
+    lines: np.ndarray  # the number of each row's line in the file, from 1, (n,)
+    span: tuple[float, float] = (-np.inf, np.inf)  # the times between which rows are used
+    unit: float = 1.0  # of the file's times, in seconds
+    zero: Moment | None = None  # the date of the file's first row
 
     def shown(self, time: float) -> str:
         """A time in seconds as the file and `--from` write it."""
@@ -86,32 +77,17 @@ class Table(NamedTuple):
 
     @property
     def complete(self) -> tuple[np.ndarray, np.ndarray]:
-        """The times and the rates of the rows with three rates; of rows at the same time, the first."""
-        whole = np.all(np.isfinite(self.rates), axis=1)
-        times, first = np.unique(self.times[whole], return_index=True)
-        return times, self.rates[whole][first]
+        """The times and the values of the rows without a missing value; of rows at the same time, the first."""
+        whole = self.chosen(np.all(np.isfinite(self.values), axis=1))
+        times, first = np.unique(whole.times, return_index=True)
+        return times, whole.values[first]
 
     def within(self, first: float, last: float) -> "Table":
         """The rows between two times in seconds."""
-        kept = (self.times >= first) & (self.times <= last)
-        rows = {"times": self.times[kept], "rates": self.rates[kept], "lines": self.lines[kept]}
-        return self._replace(span=(first, last), **rows)
+        return self.chosen((self.times >= first) & (self.times <= last))._replace(span=(first, last))
 
-
-class Field(NamedTuple):
-    """The data of a magnetometer or a star tracker.
-
-    Times (m,), seconds; vectors (m, 3), in the unit of the file, or quaternions (m, 4); lines (m,).
-    """
-
-    times: np.ndarray
-    vectors: np.ndarray
-    lines: np.ndarray
-
-    def complete(self, first: float, last: float) -> "Field":
-        """The rows between two times in seconds without a missing value."""
-        kept = (self.times >= first) & (self.times <= last) & np.all(np.isfinite(self.vectors), axis=1)
-        return Field(self.times[kept], self.vectors[kept], self.lines[kept])
+    def chosen(self, kept: np.ndarray) -> "Table":
+        return self._replace(times=self.times[kept], values=self.values[kept], lines=self.lines[kept])
 
 
 class _Cells(NamedTuple):
@@ -124,7 +100,7 @@ class _Cells(NamedTuple):
     zero: Moment | None
 
 
-def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None]:
+def read(options: argparse.Namespace) -> tuple[Table, Table | None, Table | None]:
     """The rates in a CSV file with a header, and the magnetometer and the star tracker, if requested.
 
     Their columns are in the same file; the magnetometer may have a file of its own.
@@ -163,10 +139,10 @@ def read(options: argparse.Namespace) -> tuple[Table, Field | None, Field | None
     if not len(table.times):
         first, last = whole.shown(times[0]), whole.shown(times[-1])
         raise ValueError(f"{path} has no rows between --from and --to; its times go from {first} to {last}.")
-    of_field = Field(times, fields, cells.lines) if field else None
+    of_field = Table(times, fields, cells.lines) if field else None
     if options.magnetometer_data:
         of_field = _own_file(options, cells.zero)
-    return table, of_field, Field(times, quaternions, cells.lines) if tracker else None
+    return table, of_field, Table(times, quaternions, cells.lines) if tracker else None
 
 
 def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> float:
@@ -180,7 +156,7 @@ def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> f
     return moment.after(f"{option} {text}", zero)
 
 
-def _own_file(options: argparse.Namespace, zero: Moment | None) -> Field:
+def _own_file(options: argparse.Namespace, zero: Moment | None) -> Table:
     """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`."""
     path, names = options.magnetometer_data, [options.magnetometer_time, *options.magnetometer]
     cells = _cells(path, lambda header: names, "--magnetometer-time and --magnetometer")
@@ -190,7 +166,7 @@ def _own_file(options: argparse.Namespace, zero: Moment | None) -> Field:
     since = 0.0 if cells.zero is None else cells.zero.after(f"{path}, {names[0]}", zero)
     if np.isnan(cells.numbers[:, 1:]).any(axis=1).all():
         raise ValueError(f"{path} has no row with all of {', '.join(names[1:])}.")
-    return Field(cells.numbers[:, 0] * unit + since, cells.numbers[:, 1:], cells.lines)
+    return Table(cells.numbers[:, 0] * unit + since, cells.numbers[:, 1:], cells.lines)
 
 
 def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline  # SciPy comes with JAX
 from scipy.ndimage import median_filter
 
-_FINE = 0.05  # radians between two points of an integral
-_MOST_POINTS = 200_000
+FINE = 0.05  # radians between two points of an integral
+MOST_POINTS = 200_000
 _PER_WINDOW = 8  # windows that begin within the length of one
 _GAP = 0.3  # radians: with denser rows elsewhere, a longer rotation between two rows is a gap in the record
 _TURN = 0.5  # radians per window of the search
@@ -44,7 +44,7 @@ def windows(times: np.ndarray, rates: np.ndarray, turn: float) -> Windows:
     """Windows in which the body rotates by at most `turn` radians, without those over a gap between the rows."""
     speeds = np.linalg.norm(rates, axis=1)
     fastest, gaps = np.max(speeds), np.diff(times)
-    count = int(np.clip((times[-1] - times[0]) * fastest / _FINE, 4 * len(times), _MOST_POINTS))
+    count = int(np.clip((times[-1] - times[0]) * fastest / FINE, 4 * len(times), MOST_POINTS))
     fine = np.linspace(times[0], times[-1], count)
     values = CubicSpline(times, rates)(fine)
     products = np.roll(values, -1, 1) * np.roll(values, -2, 1)

@@ -8,7 +8,7 @@ import argparse
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
@@ -18,17 +18,17 @@ from typing import Any, NoReturn
 from . import options
 
 _CACHE_BYTES = 2**28
-# Where the function of each command is, imported only when it runs.
-_ACTIONS = {
-    "chart": "charts",
-    "run": "run",
-    "inspect": "saved",
-    "view": "saved",
-    "export": "saved",
-    "fit": "fit",
-    "stability": "stability",
-    "methods": "tables",
-    "scenes": "tables",
+_COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = {
+    # The module of its function, imported only when it runs; what adds its options; its help.
+    "chart": ("charts", options.chart, "errors of all methods against step, time and torque evaluations"),
+    "run": ("run", options.run, "integrate one scene, or many perturbed copies of it"),
+    "inspect": ("saved", options.inspect, "check a run that was saved as .zarr, and draw it"),
+    "view": ("saved", options.view, "turn a saved run into a moving picture: HTML or GIF"),
+    "export": ("saved", options.export, "write the attitudes of one body of a saved run as CSV"),
+    "fit": ("fit", options.fit, "moments and initial rates of a body from measured angular velocities"),
+    "stability": ("stability", options.stability, "maps of where methods fail on a scene"),
+    "methods": ("tables", options.methods, "list the methods"),
+    "scenes": ("tables", options.scenes, "list the scenes"),
 }
 
 
@@ -65,7 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         flags = os.environ.get("XLA_FLAGS", "")
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={found.devices}".strip()
     try:
-        act(found)
+        import jax
+
+        jax.config.update("jax_enable_x64", True)  # before any array is created, including the arrays of scenes
+        getattr(import_module(f".{_COMMANDS[found.command][0]}", __package__), found.command)(found)
     except KeyboardInterrupt:
         print("midlie: stopped", file=sys.stderr)
         return 130
@@ -79,14 +82,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _failed(message: str) -> int:
     print(f"midlie: {' '.join(message.split())}", file=sys.stderr)
     return 2
-
-
-def act(found: argparse.Namespace) -> None:
-    """Runs the command of the parsed options."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including the arrays of scenes
-    getattr(import_module(f".{_ACTIONS[found.command]}", __package__), found.command)(found)
 
 
 class _ShowVersion(argparse.Action):
@@ -116,7 +111,7 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a line."""
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
-        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_ACTIONS))}")
+        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_COMMANDS))}")
     if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions; see docs/start.md
         import argcomplete
 
@@ -129,16 +124,11 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
         hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
         command.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
     if found.command == "run":
-        store = bool(found.out) and Path(found.out).suffix.lower() == ".zarr"
-        _only_with_store(commands["run"], found, store)
+        given = {"--resume": found.resume, "--save-every": found.save_every, "--devices": found.devices}
+        wrong = [name for name, value in given.items() if value]
+        if wrong and Path(found.out or "").suffix.lower() != ".zarr":
+            commands["run"].error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
     return found
-
-
-def _only_with_store(run: argparse.ArgumentParser, found: argparse.Namespace, store: bool) -> None:
-    given = {"--resume": found.resume, "--save-every": found.save_every, "--devices": found.devices}
-    wrong = [name for name, value in given.items() if value and not store]
-    if wrong:
-        run.error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
 
 
 def _choice(name: str, known: Sequence[str]) -> str:
@@ -150,13 +140,6 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
     parser.add_argument("--version", action=_ShowVersion)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
-    options.chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
-    options.run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
-    options.inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
-    options.view(commands.add_parser("view", help="turn a saved run into a moving picture: HTML or GIF"))
-    options.export(commands.add_parser("export", help="write the attitudes of one body of a saved run as CSV"))
-    options.fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
-    options.stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
-    options.names(commands.add_parser("methods", help="list the methods"), "any FLIGHT[SCHEME]; by default all methods")
-    options.names(commands.add_parser("scenes", help="list the scenes"), "by default a line on each scene")
+    for name, (_, add_options, text) in _COMMANDS.items():
+        add_options(commands.add_parser(name, help=text))
     return parser, dict(commands.choices)

@@ -19,24 +19,16 @@ def whole(least: int, most: int | float = math.inf) -> Callable[[str], int]:
 
     def read(text: str) -> int:
         try:
-            value = int(text)
+            value = int(text) if text.isdigit() else float(text)
         except ValueError:
-            value = _integer(text)
-        if value is None or not least <= value <= most:
+            value = math.nan
+        if value != value // 1 or not least <= value <= most:
             raise argparse.ArgumentTypeError(
                 f"must be a whole number, {span}, got {text!r}; write for example 1000 or 1e3"
             )
-        return value
+        return int(value)
 
     return read
-
-
-def _integer(text: str) -> int | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return int(number) if number.is_integer() else None
 
 
 def number(text: str) -> float:
@@ -77,12 +69,6 @@ def sequence(text: str) -> str:
     return text
 
 
-def file_or_store(text: str) -> str:
-    if Path(text).suffix.lower() == ".zarr":
-        return text
-    return file(".npz", ".csv", ".zarr")(text)
-
-
 def file(*endings: str) -> Callable[[str], str]:
     """A reader of names of output files with these endings, which raises immediately if a file cannot be written."""
 
@@ -92,7 +78,7 @@ def file(*endings: str) -> Callable[[str], str]:
             raise argparse.ArgumentTypeError(f"cannot write {text}: its name must end in {' or '.join(endings)}")
         if not path.absolute().parent.is_dir():
             raise argparse.ArgumentTypeError(f"cannot write {text}: there is no such folder; create it first")
-        if path.is_dir():
+        if path.is_dir() and path.suffix.lower() != ".zarr":
             raise argparse.ArgumentTypeError(f"cannot write {text}: it is a folder; give the name of a file")
         if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
             raise argparse.ArgumentTypeError(f"cannot write {text}: permission denied; choose another folder")
@@ -133,14 +119,6 @@ def stability(parser: argparse.ArgumentParser) -> None:
     add("--out", type=file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)")
 
 
-class _Given(argparse.Action):
-    """Records that the option was given, because scenes with another default method define their own."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
-        setattr(namespace, self.dest, values)
-        setattr(namespace, f"{self.dest}_given", True)
-
-
 def run(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     parser.description = (
@@ -150,12 +128,9 @@ def run(parser: argparse.ArgumentParser) -> None:
     add("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
     add(
         "--method",
-        default="JACOBI[EA]",
-        action=_Given,
         metavar="NAME",
         help=f"see `midlie methods` (default: JACOBI[EA], or the scene's if that does not support its body){OWN}",
     )
-    parser.set_defaults(method_given=False)
     add("--dt", type=number, metavar="H", help="step (default: the scene's)")
     add("--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)")
     add("--bodies", type=whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)")
@@ -164,7 +139,7 @@ def run(parser: argparse.ArgumentParser) -> None:
     add("--float32", action="store_true", help="integrate in single precision")
     add(
         "--out",
-        type=file_or_store,
+        type=file(".npz", ".csv", ".zarr"),
         metavar="FILE",
         help="save times and states: .npz or .csv; or .zarr, a store that is written during the run "
         "and from which it resumes (needs the extra io)",
@@ -339,5 +314,11 @@ def fit(parser: argparse.ArgumentParser) -> None:
     add("--out", type=file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG")
 
 
-def names(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these, {what}{OWN}")
+def methods(parser: argparse.ArgumentParser) -> None:
+    what = f"only these, any FLIGHT[SCHEME]; by default all methods{OWN}"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=what)
+
+
+def scenes(parser: argparse.ArgumentParser) -> None:
+    what = f"only these, by default a line on each scene{OWN}"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=what)

@@ -37,15 +37,6 @@ def exact_motion(
     Returns:
         Momenta (n, 3) in the body frame and unit quaternions (n, 4), body to space, accurate to the last place of
         float64. The quaternion follows the motion continuously from `attitude`: it does not jump to its negative.
-
-    Raises:
-        ValueError: a shape is wrong, a number is not finite, a moment is not positive, or the quaternion is zero.
-
-    Examples:
-        >>> from midlie_jax.cli.oracle import exact_motion
-        >>> momenta, attitudes = exact_motion([5, 5, 1], [0, 0, 50], [1, 0.025, 0, 0], [0.1, 0.2], weight=20.0)
-        >>> momenta.shape, attitudes.shape
-        ((2, 3), (2, 4))
     """
     inertia, start = _fractions("moments", moments, 3), _fractions("momentum", momentum, 3)
     quaternion, pull = _fractions("attitude", attitude, 4), _fractions("weight and axis", [weight, *axis], 4)
@@ -86,8 +77,7 @@ def _power(value: Fraction) -> Fraction:
 
 
 def _root(square: Fraction | int) -> Fraction:
-    scale = 4 ** max(0, _BITS + 8)
-    return Fraction(math.isqrt(int(square * scale)), 2 ** max(0, _BITS + 8))
+    return Fraction(math.isqrt(int(square * 4 ** (_BITS + 8))), 2 ** (_BITS + 8))
 
 
 def _fixed(value: Fraction) -> int:
@@ -98,9 +88,8 @@ def _advance(values: list[int], slow: list[int], torque: list[int], left: int, s
     """Momentum, vertical direction in the body, and quaternion after a time, in steps as long as the series allows."""
     while left > 0:
         series = [[v] for v in values]
-        p, up, (qw, qx, qy, qz) = series[:3], series[3:6], series[6:]
+        p, up, w, v = series[:3], series[3:6], series[6], series[7:]
         spin: list[list[int]] = [[], [], []]
-        o1, o2, o3 = spin
         for n in range(_ORDER):
             for o, one, i in zip(spin, p, slow, strict=True):
                 o.append(one[n] * i >> _BITS)
@@ -108,10 +97,8 @@ def _advance(values: list[int], slow: list[int], torque: list[int], left: int, s
             rates = [
                 *(turn + pull for turn, pull in zip(_cross(p, spin, _convolved), pulls, strict=True)),
                 *_cross(up, spin, _convolved),
-                -(_convolved(qx, o1) + _convolved(qy, o2) + _convolved(qz, o3)) >> 1,
-                _convolved(qw, o1) + _convolved(qy, o3) - _convolved(qz, o2) >> 1,
-                _convolved(qw, o2) + _convolved(qz, o1) - _convolved(qx, o3) >> 1,
-                _convolved(qw, o3) + _convolved(qx, o2) - _convolved(qy, o1) >> 1,
+                -sum(map(_convolved, v, spin)) >> 1,
+                *(_convolved(w, o) + turn >> 1 for o, turn in zip(spin, _cross(v, spin, _convolved), strict=True)),
             ]
             for one, change in zip(series, rates, strict=True):
                 one.append(sign * (change >> _BITS) // (n + 1))

@@ -26,37 +26,21 @@ _FRAMES = {
 
 
 class Record(NamedTuple):
-    """A run of one body or many.
-
-    Attributes:
-        scene: the scene.
-        method: name of the method.
-        dt: step.
-        steps: number of steps.
-        size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
-        times: times of the saved states, (n,).
-        momenta: angular momenta, body frame, (bodies, n, 3); for an axis, in space. Here and below, coupled bodies have
-            an axis (N,) before the last, and the first axis runs over their copies.
-        attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes in space, (bodies, n, 3).
-        ok: `Path.ok` of each body, (bodies,).
-        first_bad: `Path.first_bad` of each body, (bodies,), if known.
-        method_from: MODULE:NAME for a custom method, otherwise the name of this package.
-        travel: linear momenta and positions, (bodies, n, 3) each, for a translating body; otherwise empty.
-    """
+    """A run of one body or many; coupled bodies have an axis (N,) before the last, and the first is of their copies."""
 
     scene: Scene
     method: str
     dt: float
     steps: int
-    size: float
+    size: float  # of the perturbations, see `scenes.perturbed`; the first body is not perturbed
     seed: int
-    times: np.ndarray
-    momenta: np.ndarray
-    attitudes: np.ndarray
-    ok: np.ndarray
-    first_bad: np.ndarray | None = None
-    method_from: str = "midlie_jax"
-    travel: tuple[np.ndarray, ...] = ()
+    times: np.ndarray  # of the saved states, (n,)
+    momenta: np.ndarray  # body frame, (bodies, n, 3); for an axis, in space
+    attitudes: np.ndarray  # unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes, (bodies, n, 3)
+    ok: np.ndarray  # (bodies,)
+    first_bad: np.ndarray | None = None  # (bodies,), if known
+    method_from: str = "midlie_jax"  # MODULE:NAME for a custom method
+    travel: tuple[np.ndarray, ...] = ()  # linear momenta and positions of a translating body, (bodies, n, 3) each
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
@@ -71,31 +55,23 @@ class Record(NamedTuple):
         return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes, *self.travel))
 
     @property
-    def energy_change(self) -> Change:
-        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
-
-    @property
-    def momentum_change(self) -> Change:
-        first = jax.tree.map(lambda x: x[0], self.states)
-        whole = balanced(self.scene.body, self.scene.torque, self.times, first)
-        return momentum_change(self.scene.torque, self.states, balanced=whole)
-
-    @property
-    def travel_changes(self) -> list[Change]:
-        """For a translating body, the change of its linear momentum, and the error of its position if known."""
-        if not self.travel:
-            return []
-        scene, states = self.scene, self.states
-        linear = linear_change(scene.body, scene.torque, self.times, states)
-        place = None if self.several else _place_change(scene.body.mass, scene.torque, self.times, states)
-        return [linear, *([place] if place else [])]
+    def changes(self) -> list[Change]:
+        """The changes of energy and momentum; of a translating body also of its linear momentum, and place if known."""
+        scene, times, states = self.scene, self.times, self.states
+        acting = scene.body, scene.torque, times
+        whole = balanced(*acting, jax.tree.map(lambda x: x[0], states))
+        found = [energy_change(*acting, states), momentum_change(scene.torque, states, balanced=whole)]
+        if self.travel:
+            place = None if self.several else _place_change(scene.body.mass, scene.torque, times, states)
+            found += [linear_change(*acting, states), *([place] if place else [])]
+        return found
 
     @property
     def errors(self) -> list[tuple[str, str]]:
         """The lines of the report on what the exact motion conserves."""
-        named = ("energy", self.energy_change), ("momentum", self.momentum_change)
-        each = (*named, *((change.name, change) for change in self.travel_changes))
-        return [(f"{name} error, largest relative", change.in_words) for name, change in each]
+        changes = self.changes
+        names = ["energy", "momentum", *(change.name for change in changes[2:])]
+        return [(f"{n} error, largest relative", change.in_words) for n, change in zip(names, changes, strict=True)]
 
     @property
     def several(self) -> bool:
@@ -109,8 +85,10 @@ class Record(NamedTuple):
         return values[:most], colours_of(most)
 
     @property
-    def columns(self) -> dict[str, tuple[str, ...]]:
-        return columns(self.scene.start)
+    def arrays(self) -> dict[str, tuple[np.ndarray, tuple[str, ...]]]:
+        """The variables of the state by name, each with the names of its components."""
+        each = zip(columns(self.scene.start).items(), (self.momenta, self.attitudes, *self.travel), strict=True)
+        return {name: (array, heads) for (name, heads), array in each}
 
     @property
     def dtype(self) -> str:
@@ -139,12 +117,10 @@ def save(record: Record, path: str) -> None:
 
 
 def _save_npz(record: Record, path: str) -> None:
-    scene = record.scene
+    scene, start, body = record.scene, record.scene.start, record.scene.body
     parts: dict[str, Any] = {
         "times": record.times,
-        **_of_states(record),
         "ok": record.ok,
-        **_of_body(scene.body),
         "scene": scene.name,
         "title": scene.title,
         "source": scene.source,
@@ -160,6 +136,15 @@ def _save_npz(record: Record, path: str) -> None:
         "version": versions()["midlie_jax"],
         "jax_version": versions()["jax"],
     }
+    for name, (array, heads) in record.arrays.items():
+        frame = _FRAMES.get(name) or start.described()[name][1]["frame"]
+        parts |= {_PLURAL.get(name, name): array, f"{name}_components": heads, f"{name}_frame": frame}
+    if isinstance(start, AxisState) or record.travel:
+        parts |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}
+    if isinstance(body, RigidBody):
+        parts["moments"] = np.asarray(body.moments)
+    else:  # the names used by `simulate`
+        parts |= {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
     if record.first_bad is not None:
         parts["first_bad"] = record.first_bad
     if scene.axes is not None:
@@ -168,31 +153,12 @@ def _save_npz(record: Record, path: str) -> None:
         np.savez(file, **parts)
 
 
-def _of_states(record: Record) -> dict[str, Any]:
-    start, found = record.scene.start, dict[str, Any]()
-    arrays = record.momenta, record.attitudes, *record.travel
-    for (name, heads), array in zip(record.columns.items(), arrays, strict=True):
-        found[_PLURAL.get(name, name)] = array
-        found[f"{name}_components"] = heads
-        found[f"{name}_frame"] = _FRAMES.get(name) or start.described()[name][1]["frame"]
-    if isinstance(start, AxisState) or record.travel:
-        found |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}
-    return found
-
-
-def _of_body(body: Any) -> dict[str, Any]:
-    """The parameters of the body; for a translating body and an axis with the names used by `simulate`."""
-    if isinstance(body, RigidBody):
-        return {"moments": np.asarray(body.moments)}
-    return {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
-
-
 def _save_csv(record: Record, path: str) -> None:
-    arrays = record.momenta, record.attitudes, *record.travel
+    arrays, heads = zip(*record.arrays.values(), strict=True)
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        head = ("copy", "time", "body") if record.several else ("body", "time")
-        writer.writerow((*head, *chain(*record.columns.values()), "ok"))
+        first = ("copy", "time", "body") if record.several else ("body", "time")
+        writer.writerow((*first, *chain(*heads), "ok"))
         for copy, ok in enumerate(record.ok):
             rows = np.concatenate([array[copy] for array in arrays], axis=-1)
             for t, row in zip(record.times, rows, strict=True):

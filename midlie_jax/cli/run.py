@@ -23,15 +23,16 @@ from ..simulation.simulate import simulate
 from ..simulation.summary import inspect
 from . import chosen, scenes
 from .figures import write
+from .options import MOST_STEPS as COUNTED
 from .record import SCENE, Record, save
 from .run_chart import run_figure
+from .saved import draw
 from .scenes import Scene
 from .tables import require
 
 _FEW, _MANY = 200, 2000  # largest number of saved states per body: for the errors alone, and for a file or a chart
 _MOST_NUMBERS = 2**25  # largest number of saved numbers of all bodies: 256 MiB in float64
 _TIMINGS, _TIMING_SECONDS = 30, 1.0  # largest number of timed runs, and the seconds after which no further run starts
-_MOST_STEPS = 2**31 - 1
 _MOST_CHECKED = 1000  # bodies whose step is checked before the run
 
 
@@ -43,8 +44,7 @@ def run(options: argparse.Namespace) -> None:
     scene = chosen.scene(options.scene, dtype)
     if ":" in options.scene:  # so that output does not name a scene of this package by mistake
         scene = replace(scene, name=options.scene)
-    if not options.method_given:
-        options.method = scene.method
+    options.method = options.method or scene.method
     method = chosen.method(options.method)
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> None:
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
     record = record._replace(method_from=chosen.origin(options.method))
-    _report(record, checked, _since(path), compile_seconds, timing, load)
+    _report(record, checked, compile_seconds, timing, load)
     if options.out:
         save(record, options.out)
         print(f"wrote {options.out}")
@@ -79,10 +79,10 @@ def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float
     if options.steps:
         return dt, options.steps
     count = max(1.0, scene.duration / abs(dt))
-    if count > _MOST_STEPS:
+    if count > COUNTED:
         raise ValueError(
             f"dt {dt:g} gives {count:.1e} steps in the duration {scene.duration:g} of the scene, more "
-            f"than {_MOST_STEPS}; give a larger --dt, or --steps."
+            f"than {COUNTED}; give a larger --dt, or --steps."
         )
     return dt, round(count)
 
@@ -132,18 +132,12 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _since(path: Path[Any]) -> str:
-    if bool(np.all(path.ok)):
-        return ""
-    last_good = int(np.min(path.first_bad)) - 1
-    return f"; the first after time {float(path.times[0, max(last_good, 0)]):g}"
-
-
-def _report(
-    record: Record, checked: list[tuple[str, str]], since: str, compile_seconds: float, timing: Timing, load: Load
-) -> None:
-    count = len(record.ok)
-    failed = int(np.sum(~record.ok))
+def _report(record: Record, checked: list[tuple[str, str]], compile_seconds: float, timing: Timing, load: Load) -> None:
+    count, failed = len(record.ok), int(np.sum(~record.ok))
+    said = "yes"
+    if failed:
+        last_good = max(int(np.min(np.asarray(record.first_bad))) - 1, 0)
+        said = f"NO: failed for {failed} of {count}; the first after time {float(record.times[last_good]):g}"
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
     runs = f"median, ±{timing.spread:.0%}" if math.isfinite(timing.spread) else "one run"
     clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
@@ -152,7 +146,7 @@ def _report(
         *checked,
         *record.errors,
         *_end(record),
-        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
+        ("ok", said),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
         ("throughput", f"{count * record.steps / timing.seconds:.3g} body-steps/s"),
@@ -165,15 +159,16 @@ def _report(
 
 def _end(record: Record) -> list[tuple[str, str]]:
     """The position of the first body at the end, if it translates, or its axis, if it has no attitude."""
+    ends: dict[str, np.ndarray] = {}
     if record.travel and record.several:
         places = record.travel[-1][0, -1]
         shown = sorted({0, *(range(len(places)) if len(places) <= FEW else ()), len(places) - 1})
-        return [(f"place of body {i} at the end", _in_words(places[i])) for i in shown]
-    if record.travel:
-        return [("place at the end", _in_words(record.travel[-1][0, -1]))]
-    if isinstance(record.scene.start, AxisState):
-        return [("axis at the end", _in_words(record.attitudes[0, -1]))]
-    return []
+        ends = {f"place of body {i} at the end": places[i] for i in shown}
+    elif record.travel:
+        ends = {"place at the end": record.travel[-1][0, -1]}
+    elif isinstance(record.scene.start, AxisState):
+        ends = {"axis at the end": record.attitudes[0, -1]}
+    return [(name, ", ".join(f"{x:.6g}" for x in end.astype(np.float64))) for name, end in ends.items()]
 
 
 def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
@@ -181,7 +176,6 @@ def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: flo
     devices = jax.devices()[: options.devices] if options.devices else []
     if options.devices and len(devices) < options.devices:
         raise ValueError(f"there are {len(devices)} devices, but --devices requires {options.devices}.")
-    values = (scene.name, options.size, options.seed)
     result = simulate(
         method,
         scene.body,
@@ -190,29 +184,19 @@ def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: flo
         out=options.out,
         dt=dt,
         steps=steps,
-        save_every=options.save_every or _interval(steps),
+        # The least divisor of the number of steps that divides the run into at most 100 intervals.
+        save_every=options.save_every or next(steps // n for n in range(100, 0, -1) if steps % n == 0),
         torque_axes=None,  # all copies are in one field
         resume=options.resume,
         mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
         attributes={
             "title": f"{scene.name}: {scene.title}",
             "method_from": chosen.origin(options.method),
-            **dict(zip(SCENE, values, strict=True)),
+            **dict(zip(SCENE, (scene.name, options.size, options.seed), strict=True)),
         },
     )
     print(result)
     if options.plot:
-        from .saved import draw
-
         draw(inspect(options.out), options.plot)
     else:
         print(f"look at it with: midlie inspect {options.out}")
-
-
-def _interval(steps: int) -> int:
-    """The least divisor of the number of steps that divides the run into at most 100 intervals."""
-    return next(steps // count for count in range(100, 0, -1) if steps % count == 0)
-
-
-def _in_words(vector: Any) -> str:
-    return ", ".join(f"{x:.6g}" for x in np.asarray(jnp.ravel(vector), np.float64))

@@ -57,14 +57,15 @@ def run_figure(record: Record) -> Any:
     grid = figure.add_gridspec(2, 3 if travels else 2)
     unit = record.scene.time_unit or "time"
     time = f"Time t  [{unit}]"
-    _change(figure.add_subplot(grid[0, 0]), record, record.energy_change, time)
-    _change(figure.add_subplot(grid[1, 0]), record, record.momentum_change, time)
+    energy, momentum, *others = record.changes
+    _change(figure.add_subplot(grid[0, 0]), record, energy, time)
+    _change(figure.add_subplot(grid[1, 0]), record, momentum, time)
     _trace(figure.add_subplot(grid[0, 1]), record)
     stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
     _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)
     if travels:
         _flight_path(figure.add_subplot(grid[0, 2]), record)
-        _change(figure.add_subplot(grid[1, 2]), record, record.travel_changes[0], time)
+        _change(figure.add_subplot(grid[1, 2]), record, others[0], time)
     return figure
 
 
@@ -142,18 +143,16 @@ def _span(record: Record) -> tuple[float, float]:
 
 def _axis(record: Record) -> tuple[np.ndarray, str]:
     """The axis of the body in the picture, and its name: the axis of the torque if it has one, otherwise the third."""
-    torque = record.scene.torque
+    torque, axis, name = record.scene.torque, np.array([0.0, 0.0, 1.0]), ""
     if isinstance(record.scene.start, AxisState):
-        axis, name = np.array([0.0, 0.0, 1.0]), "the axis of symmetry"
-    elif isinstance(torque, torques.HeavyTop):
+        return axis, "the axis of symmetry"
+    if isinstance(torque, torques.HeavyTop):
         axis, name = np.asarray(torque.axis), "the axis from the pivot to the centre of mass"
     elif isinstance(torque, torques.DipoleInField):
         moment = np.asarray(torque.moment, np.float64)
         axis, name = moment / np.linalg.norm(moment), "the dipole"
-    else:
-        axis, name = np.array([0.0, 0.0, 1.0]), "the body's axis e3"
-    principal = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
-    return axis, f"the body's axis {principal[0]}" if principal and "symmetry" not in name else name
+    principal = [f"the body's axis e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
+    return axis, principal[0] if principal else name
 
 
 def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:

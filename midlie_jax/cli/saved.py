@@ -30,7 +30,8 @@ from .tables import require
 _SHOWN = 1000  # the largest number of bodies of a store whose errors are computed and drawn: evenly spaced ones
 _OF_GIF = ("rate", "size", "elevation", "azimuth", "background")
 _PLURAL = {"attitude": "attitudes", "axis": "axes"}
-_NEEDED = ("epoch", "time_system", "time_unit", "object_name", "object_id", "originator", "frame_a", "frame_b")
+_SAME = ("epoch", "time_system", "time_unit", "object_name", "object_id", "originator")  # as for `write_message`
+_NEEDED = (*_SAME, "frame_a", "frame_b")
 _OF_MESSAGE = (*_NEEDED, "center_name", "spin", "aem_version")
 
 
@@ -68,13 +69,11 @@ def _record(found: Inspection) -> Record | None:
     if said.get("state") != type(scene.start).__name__ or any(name not in root for name in names):
         return None
     bodies = slice(None, None, -(-found.bodies // _SHOWN))
-    momenta, *others = (root[name][bodies] for name in names)
-    computed = int(np.sum(~np.all(np.isnan(momenta), axis=(0, 2))))
-    momenta, attitudes, *travel = (values[:, :computed] for values in (momenta, *others))
-    _, size, seed = (said[name] for name in SCENE)
-    ok = found.first_bad[bodies] == found.saves
-    run = said["method"], said["dt"], said["steps"], size, seed
-    return Record(scene, *run, root["time"][:computed], momenta, attitudes, ok, travel=tuple(travel))
+    values = [root[name][bodies] for name in names]
+    computed = int(np.sum(~np.all(np.isnan(values[0]), axis=(0, 2))))
+    momenta, attitudes, *travel = (array[:, :computed] for array in values)
+    run = said["method"], said["dt"], said["steps"], said[SCENE[1]], said[SCENE[2]], root["time"][:computed]
+    return Record(scene, *run, momenta, attitudes, found.first_bad[bodies] == found.saves, travel=tuple(travel))
 
 
 def view(options: argparse.Namespace) -> None:
@@ -182,12 +181,7 @@ def _message(options: argparse.Namespace) -> None:
         jax.tree.map(lambda x: x[:count], path.states),
         options.out,
         times=path.times[:count],
-        epoch=options.epoch,
-        time_system=options.time_system,
-        time_unit=options.time_unit,
-        object_name=options.object_name,
-        object_id=options.object_id,
-        originator=options.originator,
+        **{name: getattr(options, name) for name in _SAME},
         ref_frame_a=options.frame_a,
         ref_frame_b=options.frame_b,
         center_name=options.center_name,

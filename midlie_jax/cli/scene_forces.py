@@ -118,17 +118,11 @@ class Blades(ReadsBody):
 
 
 class Molecule(NamedTuple):
-    """A rigid molecule.
-
-    Attributes:
-        mass: ().
-        moments: principal, (3,).
-        points: O, H and H in the principal frame, (3, 3).
-    """
+    """A rigid molecule."""
 
     mass: float
-    moments: np.ndarray
-    points: np.ndarray
+    moments: np.ndarray  # principal, (3,)
+    points: np.ndarray  # O, H and H in the principal frame, (3, 3)
 
 
 def _water() -> Molecule:

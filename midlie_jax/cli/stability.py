@@ -1,9 +1,4 @@
-"""`midlie stability`: maps of the worst energy error of a method over steps and over spins, shapes or field strengths.
-
-A `Sweep` varies one property of a scene. `measure` runs a method on all sweeps, each point with its own step, as one
-batch in one compiled program. `lines` gives the theoretical limits for the map. `stability_figure` draws the maps: a
-column for each method, a row for each sweep, with the limits on top.
-"""
+"""`midlie stability`: maps of the worst energy error of a method over steps and one property of a scene."""
 
 import argparse
 import time
@@ -66,12 +61,7 @@ _NO_SOLUTION: dict[str, Any] = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", 
 
 
 class Scaled(Torque):
-    """A torque times a number.
-
-    Attributes:
-        factor: the number, ().
-        torque: the torque, a callable of (t, state).
-    """
+    """A torque times a number."""
 
     factor: Array
     torque: TorqueLike
@@ -87,42 +77,25 @@ class Scaled(Torque):
 
 
 class Sweep(NamedTuple):
-    """A range of values of one property of a scene.
-
-    Attributes:
-        name: the name of the property.
-        label: the label of its axis.
-        values: the values of the property, (n,), ascending.
-        own: the value of the scene itself.
-        logarithmic: whether the axis is.
-        moments, momenta: of the bodies, (n, 3).
-        factors: the factors of the torque, (n,).
-    """
+    """A range of values of one property of a scene."""
 
     name: str
-    label: str
-    values: np.ndarray
-    own: float
-    logarithmic: bool
-    moments: np.ndarray
+    label: str  # of its axis
+    values: np.ndarray  # (n,), ascending
+    own: float  # the value of the scene itself
+    logarithmic: bool  # whether the axis is
+    moments: np.ndarray  # of the bodies, (n, 3)
     momenta: np.ndarray
-    factors: np.ndarray
+    factors: np.ndarray  # of the torque, (n,)
 
 
 class Map(NamedTuple):
-    """The result of a method on one sweep; each array has a row for each value and a column for each step.
+    """The result of a method on one sweep; each array has a row for each value and a column for each step."""
 
-    Attributes:
-        method: its name.
-        worst: the largest |E - E0| over (K0 + |V0|) before a failure, K0 and V0 the energies at the start.
-        failed: whether a solve failed (`ok` was False) before the run blew up.
-        blown_up: whether the error reached 1 or a number stopped being finite before a solve failed.
-    """
-
-    method: str
-    worst: np.ndarray
-    failed: np.ndarray
-    blown_up: np.ndarray
+    method: str  # its name
+    worst: np.ndarray  # the largest |E - E0| over (K0 + |V0|) before a failure, K0 and V0 the energies at the start
+    failed: np.ndarray  # whether a solve failed (`ok` was False) before the run blew up
+    blown_up: np.ndarray  # whether the error reached 1 or a number stopped being finite before a solve failed
 
 
 def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
@@ -140,15 +113,23 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
             "a stability map needs a rigid body without translation, but the body of scene "
             f"{scene.name!r} is a {type(scene.body).__name__}; choose another scene."
         )
-    _check_energy(scene)
+    try:
+        energy(scene.body, scene.torque, scene.start)
+    except ValueError as error:
+        reason = str(error).split(";")[0].split(":")[0]
+        raise ValueError(
+            f"scene {scene.name!r} has no constant energy to measure ({reason}); choose another."
+        ) from error
     moments, momentum = (np.asarray(x, np.float64) for x in (scene.body.moments, scene.start.momentum))
     velocity = momentum / moments
-    speed, field = float(np.linalg.norm(velocity)), _field_rate(scene)
+    facts = jax.jit(partial(Facts.of, find_method(DEFAULT), scene.body, scene.torque))
+    rates = facts(scene.start, jnp.zeros((), scene.start.momentum.dtype)).rates
+    speed, field = float(np.linalg.norm(velocity)), float(np.max(np.abs(rates)))
     fastest = max(speed, field)
     if fastest == 0:
         raise ValueError(f"the body of scene {scene.name!r} is at rest and has no field; choose another scene.")
     steps = np.geomspace(*_STEPS_RANGE, count) / fastest
-    alike, ones = np.tile(moments, (count, 1)), np.ones(count)
+    alike, still, ones = np.tile(moments, (count, 1)), np.tile(momentum, (count, 1)), np.ones(count)
     found: list[Sweep] = []
     unit = f"rad/{scene.time_unit or 'time'}"
 
@@ -171,26 +152,8 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
         found.append(Sweep("anisotropy", "anisotropy a  [-]", shares, 1.0, False, shapes, shapes * velocity, ones))
     if field:
         rates, label = around(field), f"field frequency ω  [{unit}]"
-        momenta = np.tile(momentum, (count, 1))
-        found.append(Sweep("stiffness", label, rates, field, True, alike, momenta, (rates / field) ** 2))
+        found.append(Sweep("stiffness", label, rates, field, True, alike, still, (rates / field) ** 2))
     return steps, found
-
-
-def _check_energy(scene: Scene) -> None:
-    try:
-        energy(scene.body, scene.torque, scene.start)
-    except ValueError as error:
-        reason = str(error).split(";")[0].split(":")[0]
-        raise ValueError(
-            f"scene {scene.name!r} has no constant energy to measure ({reason}); choose another."
-        ) from error
-
-
-def _field_rate(scene: Scene) -> float:
-    facts = jax.jit(partial(Facts.of, find_method(DEFAULT), scene.body, scene.torque))(
-        scene.start, jnp.zeros((), scene.start.momentum.dtype)
-    )
-    return float(np.max(np.abs(facts.rates)))
 
 
 def measure(
@@ -267,15 +230,10 @@ def _run(
 
 
 class Line(NamedTuple):
-    """A theoretical limit: the step at each value of a sweep; NaN if there is none.
+    """A theoretical limit: the step at each value of a sweep; NaN if there is none."""
 
-    Attributes:
-        kind: "reach", "stability" or "resonance".
-        steps: (n,).
-    """
-
-    kind: str
-    steps: np.ndarray
+    kind: str  # "reach", "stability" or "resonance"
+    steps: np.ndarray  # (n,)
 
 
 def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[Line]:
@@ -350,6 +308,8 @@ def stability_figure(
 ) -> Any:
     """The picture, a matplotlib figure."""
     from matplotlib.colors import LogNorm
+    from matplotlib.patches import Patch
+    from matplotlib.patheffects import withStroke
 
     columns, rows = len(maps), len(sweeps)
     width = max(_WIDTH * columns + _MARGINS[0], 12.2)  # inches, for the legend beside the scale of colours
@@ -366,14 +326,27 @@ def stability_figure(
             axes, found = panels[row, column], of_method[row]
             image = _map(axes, found, steps, sweep, norm)
             for line in lines.get((found.method, sweep.name), ()):
-                drawn[line.kind] = _boundary(axes, line, sweep)
+                style = _LINES[line.kind]
+                outline = [withStroke(linewidth=style["linewidth"] + 1.4, foreground="black")]
+                (drawn[line.kind],) = axes.plot(line.steps, sweep.values, zorder=3, path_effects=outline, **style)
             if row == 0:
                 axes.set_title(found.method, fontsize=11, weight="bold", color=INK)
             if column == 0:
                 axes.set_ylabel(sweep.label, fontsize=9.5, color=INK)
     for axes in panels[-1]:
         axes.set_xlabel(f"step h  [{time_unit or 'time'}]", fontsize=9.5, color=INK)
-    _legend(figure, image, [drawn[kind] for kind in _LINES if kind in drawn], width, height)
+    scale = figure.add_axes([0.75 / width, 0.42 / height, 2.6 / width, 0.13 / height])
+    bar = figure.colorbar(image, cax=scale, orientation="horizontal")
+    bar.set_label("worst energy error, of |K| + |V| at the start  [-]", fontsize=8.5, color=INK, labelpad=1)
+    bar.ax.tick_params(labelsize=8, colors=INK)
+    bar.set_ticks([1e-14, 1e-10, 1e-6, 1e-2])
+    blown_up = Patch(facecolor="black", label="blows up: error over 1")
+    failed = Patch(label="a solve fails (ok is False)", **_NO_SOLUTION)
+    own = figure.axes[0].plot([], [], color=PURPLE, lw=3, label="the scene's own value")
+    handles = [blown_up, failed, *(drawn[kind] for kind in _LINES if kind in drawn), *own]
+    style = {"fontsize": 8.5, "facecolor": "#b9c6cc", "edgecolor": "none", "labelcolor": INK, "ncols": 3}
+    corner = (1 - 0.1 / width, 0.06 / height)
+    figure.legend(handles=handles, loc="lower right", bbox_to_anchor=corner, **style)
     return figure
 
 
@@ -401,28 +374,3 @@ def _edges(middles: np.ndarray, logarithmic: bool) -> np.ndarray:
     half = (places[1] - places[0]) / 2
     edges = np.append(places - half, places[-1] + half)
     return np.exp(edges) if logarithmic else edges
-
-
-def _boundary(axes: Any, line: Line, sweep: Sweep) -> Any:
-    from matplotlib.patheffects import withStroke
-
-    style = _LINES[line.kind]
-    outline = [withStroke(linewidth=style["linewidth"] + 1.4, foreground="black")]
-    return axes.plot(line.steps, sweep.values, zorder=3, path_effects=outline, **style)[0]
-
-
-def _legend(figure: Any, image: Any, drawn: Sequence[Any], width: float, height: float) -> None:
-    from matplotlib.patches import Patch
-
-    bar = figure.colorbar(
-        image, cax=figure.add_axes([0.75 / width, 0.42 / height, 2.6 / width, 0.13 / height]), orientation="horizontal"
-    )
-    bar.set_label("worst energy error, of |K| + |V| at the start  [-]", fontsize=8.5, color=INK, labelpad=1)
-    bar.ax.tick_params(labelsize=8, colors=INK)
-    bar.set_ticks([1e-14, 1e-10, 1e-6, 1e-2])
-    blown_up = Patch(facecolor="black", label="blows up: error over 1")
-    failed = Patch(label="a solve fails (ok is False)", **_NO_SOLUTION)
-    own = figure.axes[0].plot([], [], color=PURPLE, lw=3, label="the scene's own value")
-    style = {"fontsize": 8.5, "facecolor": "#b9c6cc", "edgecolor": "none", "labelcolor": INK, "ncols": 3}
-    corner = (1 - 0.1 / width, 0.06 / height)
-    figure.legend(handles=[blown_up, failed, *drawn, *own], loc="lower right", bbox_to_anchor=corner, **style)

@@ -1,5 +1,6 @@
 """`animate`: rotating bodies as a GIF, made only with matplotlib and Pillow."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,27 +39,16 @@ def animate(
 ) -> Path:
     """Writes a GIF of a rotating body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
-    A body that translates is drawn at its position in space, with the track of its centre of mass. If its path is long,
-    the body is drawn larger, and the picture gives the factor. If states hold only the axis of symmetry, the body is
-    drawn as a cylinder or a rod, without its spin.
-
-    Interacting bodies that translate are drawn in one space, each in its colour; up to six have their axes and tracks.
-    The bodies of a `Rod` touch each other, and show its bending and twisting. With `together`, translating bodies
-    without interaction, such as a fleet of satellites, are drawn in one space as well.
-
-    Several bodies, or one body moved by several methods, are drawn side by side at the same times. The frames are
-    evenly spaced in time. A body that rotates by more than a quarter of a revolution between frames seems to rotate
-    differently, like wheels in a film. The picture then gives the number of revolutions per frame; use a shorter path
-    or more frames. A failed run is drawn up to its last good state, and the picture says so.
+    A body that translates is drawn at its position, larger than it is if its path is long; interacting bodies that
+    translate share one space. Several bodies are drawn side by side at the same times. The picture says how much a body
+    is enlarged, whether it rotates by more than a quarter of a revolution between frames, and whether a run failed.
 
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`; for several paths
             one body for all, a list with one per path, or the bodies of an ensemble.
         path: a `Path` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_variable_step` or `free_motion`; or a path of coupled bodies.
-            Or
-            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
-            up to 500 with `together`.
+            Or up to 12 paths, 500 with `together`: a mapping of names to paths, a list, or a path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
             States with only an axis support only this axis, e3.
@@ -103,8 +93,7 @@ def animate(
     around = around_of(box, planet, [panel.path for panel in given])
     shown = scenes(given, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
     names = [""] if together else [panel.name for panel in given]
-    movie = _Movie(names, shown, pixels, (elevation, azimuth), (background, dark), title)
-    _write([movie.frame(k) for k in range(len(shown[0].times))], target, rate)
+    _write(list(_drawn(names, shown, pixels, (elevation, azimuth), background, dark, title)), target, rate)
     return target
 
 
@@ -118,57 +107,52 @@ def _is_dark(background: str) -> bool:
     return float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
 
 
-class _Movie:
-    """The figure of the animation, with a drawing of each scene, the title and the clock."""
+def _drawn(
+    names: list[str],
+    shown: list[Scene],
+    pixels: int,
+    view: tuple[float, float],
+    background: str,
+    dark: bool,
+    title: str,
+) -> Iterator[Any]:
+    """The frames as RGB images of Pillow: a drawing of each scene with its texts, the title and the clock."""
+    from PIL import Image
 
-    def __init__(
-        self,
-        names: list[str],
-        shown: list[Scene],
-        pixels: int,
-        view: tuple[float, float],
-        ground: tuple[str, bool],
-        title: str,
-    ):
-        from .drawing import Drawing
+    from .drawing import Drawing
 
-        background, dark = ground
-        text, line = ("white", SKY) if dark else ("black", BLUE)
-        rows, columns = grid(len(shown))
-        # The title of a single picture is drawn in the picture; a common title is drawn above several pictures.
-        strip = _STRIP if title and len(shown) > 1 else 0
-        width, height = columns * pixels, rows * pixels + strip
-        self.figure, self.times = new_figure(width / _DPI, height / _DPI), shown[0].times
-        self.figure.set_dpi(_DPI)
-        self.figure.set_facecolor(background)
-        note = {"color": text, "fontsize": _TEXT}
-        edge = 0.03 * pixels
-        self.drawings = []
-        for k, (name, scene) in enumerate(zip(names, shown, strict=True)):
-            x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
-            place = (x / width, y / height, pixels / width, pixels / height)
-            self.drawings.append(Drawing(self.figure, place, scene, view, text, line))
-            heading = name or (title if len(shown) == 1 else "")
-            self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
-            # Above the line of the clock.
-            self.figure.text((x + edge) / width, (y + edge + _LINE) / height, "\n".join(scene.remarks), **note)
-            named = [(n, c) for n, c in zip(scene.names, scene.colours, strict=False) if n and scene.few]
-            for row, (word, colour) in enumerate(named, start=1 if heading else 0):
-                top = (y + pixels - edge - row * _LINE) / height
-                self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
-        if strip:
-            self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
-        self.clock = self.figure.text(1 - edge / width, edge / height, "", ha="right", **note)
+    text, line = ("white", SKY) if dark else ("black", BLUE)
+    rows, columns = grid(len(shown))
+    # The title of a single picture is drawn in the picture; a common title is drawn above several pictures.
+    strip = _STRIP if title and len(shown) > 1 else 0
+    width, height, edge = columns * pixels, rows * pixels + strip, 0.03 * pixels
+    figure, times = new_figure(width / _DPI, height / _DPI), shown[0].times
+    figure.set_dpi(_DPI)
+    figure.set_facecolor(background)
 
-    def frame(self, k: int) -> Any:
-        """Frame k as an RGB image of Pillow."""
-        from PIL import Image
+    def note(x: float, y: float, words: str, **style: Any) -> Any:
+        return figure.text(x / width, y / height, words, **{"color": text, "fontsize": _TEXT, **style})
 
-        for drawing in self.drawings:
+    drawings = list[Drawing]()
+    for k, (name, scene) in enumerate(zip(names, shown, strict=True)):
+        x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
+        place = (x / width, y / height, pixels / width, pixels / height)
+        drawings.append(Drawing(figure, place, scene, view, text, line))
+        heading, top = name or (title if len(shown) == 1 else ""), y + pixels - edge
+        note(x + edge, top, heading, va="top", weight="bold")
+        note(x + edge, y + edge + _LINE, "\n".join(scene.remarks))  # above the line of the clock
+        named = [(n, c) for n, c in zip(scene.names, scene.colours, strict=False) if n and scene.few]
+        for row, (word, colour) in enumerate(named, start=1 if heading else 0):
+            note(x + edge, top - row * _LINE, word, va="top", color=colour)
+    if strip:
+        note(edge, height - edge, title, va="top", weight="bold")
+    clock = note(width - edge, edge, "", ha="right")
+    for k, t in enumerate(times):
+        for drawing in drawings:
             drawing.move(k)
-        self.clock.set_text(f"t = {time_text(float(self.times[k]))}")
-        self.figure.canvas.draw()
-        return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
+        clock.set_text(f"t = {time_text(float(t))}")
+        figure.canvas.draw()
+        yield Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
 
 
 def _write(pictures: list[Any], target: Path, rate: float) -> None:

@@ -20,7 +20,6 @@ _BEHIND = 0.28  # opacity of things behind the surface
 _ROOM = 1.3  # size of the panel over the size of the ellipsoid, so that axes can extend beyond it
 _SMOOTH = np.radians(2.0)  # the angle between neighbouring points of a curve
 _TICKS = 3  # approximate number of tick labels per axis
-_TICK_OFFSET, _LABEL_OFFSET = 8.0, 21.0  # matplotlib's distances of tick labels and names from an axis, points
 
 
 def towards_viewer(axes: Any) -> np.ndarray:
@@ -119,14 +118,10 @@ def draw_space(axes: Any, limits: np.ndarray, size: float = SIZE) -> None:
     axes.set_proj_type("ortho")
     axes.set(xlim=limits[:, 0], ylim=limits[:, 1], zlim=limits[:, 2])
     axes.set_box_aspect(spans / spans.max(), zoom=0.76 if size < SIZE else 0.88)
-    for place, (axis, letter) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
+    for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_major_locator(MaxNLocator(_TICKS))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.6g}"))
         axis.set_label_text(f"{letter}  [{unit}]", fontsize=size, color=colour)
-        # matplotlib places texts at distances that shrink with the picture across the axis, which is half undone here.
-        farther = float(spans.max() / np.delete(spans, place).max()) ** 0.5 - 1
-        pad = (1 if letter == "z" else -3) + _TICK_OFFSET * farther
-        axis.set_tick_params(labelsize=size, labelcolor=colour, color=GREY, pad=pad)
-        axis.labelpad = _LABEL_OFFSET * farther
+        axis.set_tick_params(labelsize=size, labelcolor=colour, color=GREY)
         axis.line.set_color(GREY)
         axis.set_pane_color((0.5, 0.5, 0.5, 0.05))

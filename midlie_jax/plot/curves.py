@@ -35,11 +35,9 @@ def axis_path(
 ) -> np.ndarray:
     """Draws the path of an axis of the body in space, on the unit sphere.
 
-    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the path in front is strong and the other part
-    faint, also after the picture is rotated by hand. On plain axes the sphere is viewed from +z, and the part below the
-    xy plane is faint. A dot marks the initial direction. Saved directions are joined by the shortest arc. Call the
-    function again on the same axes to compare paths. A failed run is drawn up to its last good state, and the picture
-    says so. Each of up to six coupled bodies has its own colour.
+    On 3-D axes (`figure.add_subplot(projection="3d")`) the part behind the sphere is faint, also after the picture is
+    rotated by hand. On plain axes the sphere is viewed from +z, and the part below the xy plane is faint. A dot marks
+    the initial direction; saved directions are joined by the shortest arc. Further calls add paths to the same axes.
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
@@ -87,7 +85,15 @@ def axis_path(
     motion = motion_of(path)
     tips = motion.directions(direction)
     name, chosen = label or name, colour or BLUE
-    (_on_sphere if is_3d(axes) else seen_from_above)(axes, tips, name, chosen)
+    if is_3d(axes):
+        from .artists import along_arcs
+
+        circle, style = _circle(), {"linewidth": 0.6, "alpha": 0.7}
+        greys = [(np.roll(circle, shift, axis=1), style) for shift in range(3)]
+        ends = np.eye(3), 1.2 * np.eye(3), "xyz"
+        _on_surface(axes, along_arcs(tips), np.ones(3), greys, ends, color=chosen, linewidth=1.4, label=name)
+    else:
+        seen_from_above(axes, tips, name, chosen)
     name_in_legend(axes)
     remark(axes, motion.failed and f"{name}: {motion.failed}")
     gap = np.max(np.arccos(np.clip(np.sum(tips[1:] * tips[:-1], axis=1), -1, 1)))
@@ -115,18 +121,32 @@ def as_axis(axis: Any) -> tuple[np.ndarray, str]:
     return direction / np.linalg.norm(direction), "axis"
 
 
-def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
-    from .artists import along_arcs, draw_axes, draw_curve, draw_ellipsoid, shade_of
+def _on_surface(
+    axes: Any, points: np.ndarray, semi_axes: np.ndarray, greys: Any, ends: tuple[Any, Any, Any], **style: Any
+) -> bool:
+    """Draws a curve on an ellipsoid, and its beginning; a new ellipsoid gets grey curves and named axes.
 
-    sphere = np.ones(3)
-    if shade_of(axes) is None:
-        draw_ellipsoid(axes, sphere)
-        circle = _circle()
-        for shift in range(3):
-            draw_curve(axes, np.roll(circle, shift, axis=1), sphere, color=GREY, linewidth=0.6, alpha=0.7)
-        draw_axes(axes, np.eye(3), 1.2 * np.eye(3), "xyz")
-    draw_curve(axes, along_arcs(tips), sphere, color=colour, linewidth=1.4, label=name)
-    draw_curve(axes, tips[:1], sphere, color=colour, marker="o", markersize=6.0)
+    Returns:
+        Whether the ellipsoid is new.
+    """
+    from .artists import draw_axes, draw_curve, draw_ellipsoid, shade_of
+
+    drawn = shade_of(axes)
+    if drawn is None:
+        draw_ellipsoid(axes, semi_axes)
+        for curve, grey in greys:
+            draw_curve(axes, curve * semi_axes, semi_axes, color=GREY, **grey)
+        draw_axes(axes, *ends)
+    elif drawn.semi_axes.shape != semi_axes.shape or np.max(np.abs(drawn.semi_axes / semi_axes - 1)) > _SAME / 2:
+        raise ValueError(
+            "path and body must have the kinetic energy of the ellipsoid on these axes, got another one. Draw them on "
+            "other axes."
+        )
+    else:
+        semi_axes = drawn.semi_axes
+    draw_curve(axes, points, semi_axes, **style)
+    draw_curve(axes, points[:1], semi_axes, color=style["color"], marker="o", markersize=6.0)
+    return drawn is None
 
 
 def _circle() -> np.ndarray:
@@ -165,10 +185,8 @@ def polhode(
     velocity W moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics,
     section 5.6). Here the curve of the momentum is called a polhode as well.
 
-    Faint curves are other polhodes of this energy; the grey curves through the axis of the middle moment are the
-    separatrix. A dot marks the initial momentum. The ellipsoid belongs to the initial energy. Under a torque the path
-    leaves it, and the picture says so. Call the function again on the same axes for another path of nearly the same
-    energy. A failed run is drawn up to its last good state, and the picture says so.
+    The ellipsoid belongs to the initial energy; under a torque the path leaves it, and the picture says so. Further
+    calls add paths of nearly the same energy to the same axes.
 
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
@@ -214,7 +232,11 @@ def polhode(
     power = 0.5 if kind == "momentum" else -0.5
     points, semi_axes = momenta * moments ** (power - 0.5), np.sqrt(2 * energies[0]) * moments**power
     name = label or ("momentum" if kind == "momentum" else "angular velocity")
-    _on_ellipsoid(axes, points, semi_axes, moments, name, colour or BLUE)
+    bold, thin = {"linewidth": 1.2, "alpha": 1.0}, {"linewidth": 0.6, "alpha": 0.8}
+    greys = [(curve, bold if separatrix else thin) for curve, separatrix in polhodes(moments)]
+    ends = np.diag(semi_axes), np.diag(semi_axes + 0.18 * np.max(semi_axes)), _BODY_AXES
+    if _on_surface(axes, points, semi_axes, greys, ends, color=colour or BLUE, linewidth=1.8, label=name):
+        remark(axes, "moments of e1, e2, e3: " + ", ".join(f"{moment:.4g}" for moment in moments))
     name_in_legend(axes)
     remark(axes, motion.failed and f"{name}: {motion.failed}")
     if np.ptp(energies) > _SAME * energies[0]:
@@ -232,30 +254,6 @@ def _turning(body: Any) -> tuple[RigidBody | TensorBody, np.ndarray]:
     if moments.shape != (3,):
         raise ValueError(f"body must be one body with moments (3,), got {moments.shape}. Take the row of the body.")
     return turning, moments
-
-
-def _on_ellipsoid(
-    axes: Any, points: np.ndarray, semi_axes: np.ndarray, moments: np.ndarray, name: str, colour: str
-) -> None:
-    from .artists import draw_axes, draw_curve, draw_ellipsoid, shade_of
-
-    drawn = shade_of(axes)
-    if drawn is None:
-        draw_ellipsoid(axes, semi_axes)
-        for curve, bold in polhodes(moments):
-            style = {"linewidth": 1.2, "alpha": 1.0} if bold else {"linewidth": 0.6, "alpha": 0.8}
-            draw_curve(axes, curve * semi_axes, semi_axes, color=GREY, **style)
-        draw_axes(axes, np.diag(semi_axes), np.diag(semi_axes + 0.18 * np.max(semi_axes)), _BODY_AXES)
-        remark(axes, "moments of e1, e2, e3: " + ", ".join(f"{moment:.4g}" for moment in moments))
-    elif drawn.semi_axes.shape != semi_axes.shape or np.max(np.abs(drawn.semi_axes / semi_axes - 1)) > _SAME / 2:
-        raise ValueError(
-            "path and body must have the kinetic energy of the ellipsoid on these axes, got another one. Draw them on "
-            "other axes."
-        )
-    else:
-        semi_axes = drawn.semi_axes
-    draw_curve(axes, points, semi_axes, color=colour, linewidth=1.8, label=name)
-    draw_curve(axes, points[:1], semi_axes, color=colour, marker="o", markersize=6.0)
 
 
 def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
@@ -298,10 +296,8 @@ def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
 def track(axes: Any, path: Path[TravellingState], *, colour: str | None = None, label: str | None = None) -> np.ndarray:
     """Draws the path of the centre of mass in space, with one scale in all directions.
 
-    On plain axes the path is drawn in the plane xy, xz or yz in which it is longest. If the axes already have labels
-    "x" and "z", for example from an earlier call, the labels choose the plane. A dot marks the initial position. Saved
-    positions are joined by straight lines. Call the function again on the same axes to compare paths. A failed run is
-    drawn up to its last good state, and the picture says so. Each coupled body has its own colour; up to six are named.
+    On plain axes the path is drawn in the plane xy, xz or yz in which it is longest, or which the labels of the axes
+    name. A dot marks the initial position. Further calls add paths to the same axes.
 
     Args:
         axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.

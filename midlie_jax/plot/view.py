@@ -114,21 +114,16 @@ def view(
 ) -> View:
     """Shows a rotating body from all sides, played or at any time, in a notebook or a browser.
 
-    As the last value of a notebook's cell it is displayed there, and the notebook grows by 5 MB. It shows a box with
-    the body's moments of inertia, an axis of the body and its path on the unit sphere, and the angular momentum over
-    its largest length, with its path. All of it is in the space frame, whose axes x, y, z are drawn. Several bodies, or
-    one body moved by several methods, are drawn side by side at the same times. The page contains plotly, some 5 MB,
-    and works without a network. It is light or dark according to the browser.
-
-    Bodies that translate, that interact or whose states hold only an axis are drawn as by `animate`.
+    It shows what `animate` draws, for one body at rest also the angular momentum over its largest length, with its
+    path. The page contains plotly, some 5 MB, and works without a network. It is light or dark according to the
+    browser.
 
     Args:
         body: as for `animate`.
         path: as for `animate`. From more than 4,000 saved states, every second, third, ... is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
         axis: as for `animate`.
-        frames: number of evenly spaced times, at most 1,000. If the body rotates by more than a quarter of a revolution
-            between frames, the picture gives the number of revolutions.
+        frames: number of evenly spaced times, at most 1,000.
         title: a line above the picture.
         points, together, box, planet: as for `animate`.
 

@@ -28,26 +28,14 @@ _SEEN = "seen_"
 
 
 class Progress(NamedTuple):
-    """The progress of a group of bodies.
+    """The progress of a group of bodies."""
 
-    Attributes:
-        begun: the progress of its bodies (`methods.base.Progress`) at the beginning of the part, for all rows of the
-            group, including padding rows.
-        carried: the present progress.
-        first_bad: `Simulation.first_bad` of these rows, from the steps taken so far.
-        steps: number of steps of the part taken so far.
-        seen: the values that the part will write, in pieces ordered by time.
-        series: the carry of a statistic over times for the bodies of the group; until the part is complete, the carry
-            of the earlier parts.
-        span: the span of the part.
-    """
-
-    begun: Any
-    carried: Any
-    first_bad: np.ndarray
-    steps: int = 0
-    seen: tuple[Arrays, ...] = ()
-    series: Any = None
+    begun: Any  # the progress of its bodies at the beginning of the part, for all rows, including padding rows
+    carried: Any  # the present progress
+    first_bad: np.ndarray  # `Simulation.first_bad` of these rows, from the steps taken so far
+    steps: int = 0  # of the part taken so far
+    seen: tuple[Arrays, ...] = ()  # the values that the part will write, in pieces ordered by time
+    series: Any = None  # the carry of a statistic over times; until the part is complete, of the earlier parts
     span: int = 0
 
     def all_seen(self) -> Arrays:
@@ -70,20 +58,14 @@ class Progress(NamedTuple):
 
 
 class Computation(NamedTuple):
-    """A run, and its devices.
-
-    Attributes:
-        batch, observe, plan, mesh: the run.
-        given: the initial progress of all bodies, from a `Carry`, or None.
-        like: the carry of one body, with a leading axis, as a pytree of shapes and dtypes.
-    """
+    """A run, and its devices."""
 
     batch: Batch
     observe: Observe | None
     plan: Plan
     mesh: Mesh
-    given: Any
-    like: Carry
+    given: Any  # the initial progress of all bodies, from a `Carry`, or None
+    like: Carry  # of one body, with a leading axis, as a pytree of shapes and dtypes
 
     @classmethod
     def of(cls, batch: Batch, observe: Observe | None, plan: Plan, mesh: Mesh, given: Any) -> "Computation":

@@ -33,25 +33,15 @@ class Part(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """How a run is divided into parts.
-
-    Attributes:
-        bodies: number of all bodies.
-        saves: saved states per body, including the initial one.
-        save_every: steps between two saved states.
-        group: bodies per group; the last group may be smaller.
-        span: saved states per span, at least 2; the last span may be smaller.
-        chunk: bodies moved at once on one device.
-        begin: the index of the first step of the run.
-    """
+    """How a run is divided into parts."""
 
     bodies: int
-    saves: int
-    save_every: int
-    group: int
-    span: int
-    chunk: int
-    begin: int = 0
+    saves: int  # saved states per body, including the initial one
+    save_every: int  # steps between two saved states
+    group: int  # bodies per group; the last group may be smaller
+    span: int  # saved states per span, at least 2; the last span may be smaller
+    chunk: int  # bodies moved at once on one device
+    begin: int = 0  # the index of the first step of the run
 
     @property
     def groups(self) -> int:

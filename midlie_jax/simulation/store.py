@@ -30,14 +30,7 @@ _PARTS = "parts"  # the Zarr group with the parts of a statistic
 
 
 class Store:
-    """A run in a Zarr store.
-
-    Attributes:
-        path: the folder.
-        attributes: the attributes of the root, see `attributes.py`.
-        plan: how the run is divided into parts.
-        identity: see `identity.py`.
-    """
+    """A run in a Zarr store: its folder, attributes, plan and identity."""
 
     def __init__(self, path: Path, *, read_only: bool = False):
         """Opens a store; raises ValueError if the folder is none, or its description is damaged."""

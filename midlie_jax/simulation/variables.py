@@ -22,19 +22,12 @@ MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
 
 
 class Variable(NamedTuple):
-    """One array of the file.
+    """One array of the file."""
 
-    Attributes:
-        dims: names of its dimensions.
-        shape: its whole shape.
-        dtype: the dtype of its numbers.
-        attributes: long_name, units and frame, if available.
-    """
-
-    dims: tuple[str, ...]
-    shape: tuple[int, ...]
+    dims: tuple[str, ...]  # names of its dimensions
+    shape: tuple[int, ...]  # its whole shape
     dtype: np.dtype[Any]
-    attributes: dict[str, str]
+    attributes: dict[str, str]  # long_name, units and frame, if available
 
 
 Variables = dict[str, Variable]

@@ -18,9 +18,9 @@ from .._math import components as cp
 from .._xla.fusion import split
 from .._xla.structure import once_for_numbers
 from ..integrators.base import Method
-from ..integrators.scheme import Scheme
 from ..integrators.scheme import BATH as BATH
 from ..integrators.scheme import KICK as KICK
+from ..integrators.scheme import Scheme
 from ..integrators.system import AnyMotion, Motion, System
 from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body

@@ -13,22 +13,17 @@ reproduces the rates in the SPIN example of the standard from its angles, to 3e-
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation  # SciPy comes with JAX
 
 from ..._math.euler import euler_angles, matrices_of
 
 
 class Form(NamedTuple):
-    """The numbers of a line of data after the epoch.
+    """The numbers of a line of data after the epoch."""
 
-    Attributes:
-        columns: the names of the numbers, in the order of the standard; angles in degrees, rates in degrees/s.
-        kind: "quaternion", "euler", "spin", or "" if they do not give an attitude.
-        versions: the versions of the standard that have it.
-    """
-
-    columns: tuple[str, ...]
-    kind: str
-    versions: tuple[str, ...] = ("1.0", "2.0")
+    columns: tuple[str, ...]  # their names, in the order of the standard; angles in degrees, rates in degrees/s
+    kind: str  # "quaternion", "euler", "spin", or "" if they do not give an attitude
+    versions: tuple[str, ...] = ("1.0", "2.0")  # the versions of the standard that have it
 
 
 _Q, _QD = ("Q1", "Q2", "Q3", "QC"), ("Q1_DOT", "Q2_DOT", "Q3_DOT", "QC_DOT")
@@ -59,8 +54,7 @@ def rotations(kind: str, numbers: np.ndarray, sequence: str) -> np.ndarray:
     if kind == "spin":
         angles = np.stack([np.pi / 2 + angles[:, 0], np.pi / 2 - angles[:, 1], angles[:, 2]], axis=1)
         sequence = "ZXZ"
-    turns = [_about(axis, angles[:, i]) for i, axis in enumerate(sequence)]
-    return _multiply(_multiply(turns[0], turns[1]), turns[2])
+    return Rotation.from_euler(sequence, angles).as_quat(scalar_first=True)
 
 
 def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndarray | None = None) -> np.ndarray:
@@ -73,15 +67,3 @@ def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndar
         return degrees
     assert rates is not None
     return np.stack([(degrees[:, 0] - 90) % 360, 90 - degrees[:, 1], degrees[:, 2] % 360, rates], axis=1)
-
-
-def _about(axis: str, angles: np.ndarray) -> np.ndarray:
-    found = np.zeros((len(angles), 4))
-    found[:, 0], found[:, 1 + "XYZ".index(axis)] = np.cos(angles / 2), np.sin(angles / 2)
-    return found
-
-
-def _multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    a, u, b, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
-    scalar = a * b - np.sum(u * v, axis=1, keepdims=True)
-    return np.concatenate([scalar, a * v + b * u + np.cross(u, v)], axis=1)

@@ -1,8 +1,9 @@
 """`read`: an Attitude Ephemeris Message in KVN, versions 1.0 and 2.0."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from ..._checks.arguments import unknown
 from ..._math.euler import sequence_of
 from .epochs import Epoch, check_system
 from .forms import FORMS
-from .frames import check_frame
-from .message import AttitudeFile, Segment, body_of
+from .message import AttitudeFile, Segment, body_of, check_frame
 
 # The keywords, by version of the standard: tables 4-2 and 4-3.
 _HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
@@ -67,6 +67,15 @@ class _Line(NamedTuple):
     text: str
 
 
+def _without_comments(lines: Iterator[_Line], comments: list[str]) -> Iterator[_Line]:
+    """The other lines; the texts of comments are appended to a list."""
+    for line in lines:
+        if line.text.startswith("COMMENT"):
+            comments.append(line.text[len("COMMENT") :].strip())
+        else:
+            yield line
+
+
 class _Reader(NamedTuple):
     file: str
     body: str | None
@@ -111,21 +120,17 @@ class _Reader(NamedTuple):
         """Keywords with their values and lines, and comments, up to the line `end`, which is also returned."""
         found: dict[str, tuple[str, _Line]] = {}
         comments: list[str] = []
-        for line in lines:
-            last = line
-            if line.text == end:
-                return found, comments, line
-            if line.text.startswith("COMMENT"):
-                comments.append(line.text[len("COMMENT") :].strip())
-                continue
-            name, value = self.pair(line)
+        for last in _without_comments(lines, comments):
+            if last.text == end:
+                return found, comments, last
+            name, value = self.pair(last)
             if name not in known:
-                raise self.error(line, str(unknown("keyword", name, known)))
+                raise self.error(last, str(unknown("keyword", name, known)))
             if name in found:
-                raise self.error(line, f"{name} occurs a second time.")
+                raise self.error(last, f"{name} occurs a second time.")
             if not value:
-                raise self.error(line, f"{name} has no value; add one, or remove the keyword.")
-            found[name] = value, line
+                raise self.error(last, f"{name} has no value; add one, or remove the keyword.")
+            found[name] = value, last
         raise self.error(last, f"the file ends before {end}.")
 
     def segment(self, lines: Iterator[_Line], version: str, begin: _Line) -> Segment:
@@ -156,28 +161,20 @@ class _Reader(NamedTuple):
 
     def check_values(self, found: dict[str, tuple[str, _Line]], metadata: dict[str, str]) -> None:
         """Raises for an invalid value of the metadata; converts some values to a standard form."""
-
-        def checked(name: str, check: Any) -> None:
+        checks: dict[str, Callable[[str], str]] = {
+            "REF_FRAME_A": lambda name: check_frame("REF_FRAME_A", name, self.frames),
+            "REF_FRAME_B": lambda name: check_frame("REF_FRAME_B", name, self.frames),
+            "TIME_SYSTEM": check_system,
+            "ATTITUDE_DIR": partial(_one_of, ("A2B", "B2A")),
+            "QUATERNION_TYPE": partial(_one_of, ("FIRST", "LAST")),
+            "EULER_ROT_SEQ": sequence_of,
+        }
+        for name, check in checks.items():
             if name in metadata:
                 try:
                     metadata[name] = check(metadata[name])
                 except ValueError as error:
                     raise self.error(found[name][1], f"{name}: {error}") from None
-
-        def one_of(*choices: str) -> Any:
-            def check(value: str) -> str:
-                if value.upper() not in choices:
-                    raise ValueError(f"must be {' or '.join(choices)}, got {value!r}.")
-                return value.upper()
-
-            return check
-
-        for name in ("REF_FRAME_A", "REF_FRAME_B"):
-            checked(name, lambda value, name=name: check_frame(name, value, self.frames))
-        checked("TIME_SYSTEM", check_system)
-        checked("ATTITUDE_DIR", one_of("A2B", "B2A"))
-        checked("QUATERNION_TYPE", one_of("FIRST", "LAST"))
-        checked("EULER_ROT_SEQ", sequence_of)
 
     def data(
         self, lines: Iterator[_Line], metadata: dict[str, str], found: dict[str, tuple[str, _Line]], last: _Line
@@ -189,15 +186,12 @@ class _Reader(NamedTuple):
             self.epoch(found[name][1], metadata, metadata[name], name) for name in ("START_TIME", "STOP_TIME")
         )
         form, count = metadata["ATTITUDE_TYPE"], len(FORMS[metadata["ATTITUDE_TYPE"]].columns)
-        for line in lines:
+        for line in _without_comments(lines, comments):
             last = line
             if line.text == "DATA_STOP":
                 if not epochs:
                     raise self.error(line, "there are no data between DATA_START and DATA_STOP.")
                 return epochs, rows, comments
-            if line.text.startswith("COMMENT"):
-                comments.append(line.text[len("COMMENT") :].strip())
-                continue
             cells = line.text.split()
             if len(cells) != count + 1:
                 raise self.error(
@@ -236,13 +230,18 @@ class _Reader(NamedTuple):
         return value
 
 
+def _one_of(choices: tuple[str, ...], value: str) -> str:
+    if value.upper() not in choices:
+        raise ValueError(f"must be {' or '.join(choices)}, got {value!r}.")
+    return value.upper()
+
+
 def _needed_in(version: str, form: str) -> tuple[str, ...]:
     """The required keywords of the metadata, for an ATTITUDE_TYPE."""
-    more = ["ATTITUDE_DIR"] if version == "1.0" else []
-    if version == "1.0" and form.startswith("QUATERNION"):
-        more.append("QUATERNION_TYPE")
-    if form.startswith("EULER_ANGLE"):
-        more.append("EULER_ROT_SEQ")
-    if form.endswith("/ANGVEL"):
-        more.append("ANGVEL_FRAME")
-    return (*_NEEDED, *more)
+    more = {
+        "ATTITUDE_DIR": version == "1.0",
+        "QUATERNION_TYPE": version == "1.0" and form.startswith("QUATERNION"),
+        "EULER_ROT_SEQ": form.startswith("EULER_ANGLE"),
+        "ANGVEL_FRAME": form.endswith("/ANGVEL"),
+    }
+    return (*_NEEDED, *(name for name, needed in more.items() if needed))

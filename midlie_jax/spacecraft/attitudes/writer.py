@@ -17,7 +17,7 @@ from ...drivers.path import Path
 from ...simulation.saved import saved_path
 from .epochs import Epoch, check_system
 from .forms import numbers_of
-from .frames import check_frame, is_of_body
+from .message import check_frame, is_of_body
 
 UNITS = {"ns": Fraction(1, 10**9), "us": Fraction(1, 10**6), "ms": Fraction(1, 1000), "s": Fraction(1),
          "min": Fraction(60), "h": Fraction(3600), "d": Fraction(86400)}  # fmt: skip
