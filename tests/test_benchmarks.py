@@ -16,13 +16,13 @@ limit = benchmark("limit")
 # Module, table, and the sizes that make it small.
 SMALL = {
     ("observed", "TABLE"): {"BODIES": 4, "STEPS": 2, "TURNS": 1},
-    ("laboratory.heat.known", "TEMPERATURE"): {
+    ("heat", "TEMPERATURE"): {
         "WARM_BODIES": 8,
         "WARM_FLIGHTS": ("SYMMETRIC",),
         "WARM_SCHEMES": ("BAOAB",),
         "WARM_EXPOSURES": (0.1,),
     },
-    ("laboratory.heat.known", "DIFFUSION"): {"WALKERS": 4, "SCHEMES": ("BAOAB",), "WALKS": (10.0,)},
+    ("heat", "DIFFUSION"): {"WALKERS": 4, "SCHEMES": ("BAOAB",), "WALKS": (10.0,)},
     ("laboratory.spins.kept", "CONSERVATION"): {"SPINS": 8, "TIME": 1.0, "CHAIN_METHODS": ("SUBLATTICES[EA]",)},
     ("laboratory.solids", "BAR"): {"CASES": ((1.0, 10),)},
     ("laboratory.times_faster", "FASTEST"): {},
