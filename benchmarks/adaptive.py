@@ -1,13 +1,8 @@
-"""Gain and cost of the reversible step control of `ml.integrate_variable_step`.
+"""Gain of the reversible step control of `ml.integrate_variable_step`: errors with as many constant steps.
 
-    python benchmarks/adaptive.py [gain] [energy]
-
-gain    error of the attitude at the end, with constant steps and with as many adaptive steps: equal torque evaluations
-energy  energy errors of two tops, one of them integrable, over a long time under four step controls
+python benchmarks/adaptive.py      error of the attitude at the end, at equal torque evaluations
 """
 
-import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +11,6 @@ from harness import Table, main
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
-from midlie_jax.integrators.system import Motion, System  # for a step control that is not in the package
-from midlie_jax.integrators.verdict import is_fine
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
@@ -94,105 +87,7 @@ def gain():
         print(f"(uncertainty of the reference {uncertainty:.0e})", flush=True)
 
 
-def top(moments, momentum, turn, axis, floor):
-    """A heavy top, with a density by which it turns through similar angles in all steps."""
-    body, torque = ml.RigidBody(jnp.array(moments)), ml.torques.HeavyTop(20.0, axis)
-    start = ml.RigidState(jnp.array(momentum), ml.so3.exp(jnp.array(turn)))
-    return body, torque, start, ml.densities.Spin(body.moments, jnp.array(1.0), jnp.array(floor))
-
-
-TOPS = {
-    "a swinging Lagrange top": top([5.0, 5.0, 1.0], [0.0, 0.0, 1.0], [0.3, 0.0, 0.0], (0.0, 0.0, 1.0), 0.3),
-    "an asymmetric top": top([5.0, 6.0, 3.0], [1.0, 2.0, 3.0], [0.5, -0.3, 0.8], (0.48, 0.6, 0.64), 0.3),
-}
-
-
-def density_at_start(method, case, dt, steps, every):
-    """States and `ok` under the simplest control, dt / density at the start of the step; it is not reversible."""
-    body, torque, start, density = case
-    zero = jnp.array(0.0)
-    system, motion = System.of(body, torque, start, zero), Motion(*start.parts())
-
-    def advance(carry, _):
-        t, motion, force, ok = carry
-        h = dt / density(t, start.kind.join(motion.momentum, motion.pose))
-        motion, force, step_ok = method.step(system, t, t + h, h, motion, force)
-        return (t + h, motion, force, ok & is_fine(step_ok)), None
-
-    def save_interval(carry, _):
-        carry, _ = jax.lax.scan(advance, carry, length=every)
-        return carry, start.kind.join(carry[1].momentum, carry[1].pose)
-
-    force = system.force(zero, motion) if method.keeps_force(system) else None
-    (_, _, _, ok), states = jax.lax.scan(save_interval, (zero, motion, force, jnp.array(True)), length=steps // every)
-    return states, ok
-
-
-def pid_controlled(name, case, duration, tolerance):
-    """States, `ok` and number of steps under diffrax's PIDController."""
-    body, torque, start, _ = case
-    solution = diffrax.diffeqsolve(
-        ml.diffrax.RigidBodyTerm(body, torque),
-        ml.diffrax.LieSolver(name),
-        0.0,
-        duration,
-        0.02,
-        start,
-        saveat=diffrax.SaveAt(ts=jnp.linspace(0.0, duration, 4097)[1:]),
-        stepsize_controller=diffrax.PIDController(
-            rtol=0.0, atol=tolerance, norm=ml.diffrax.RotationNorm(momentum=10.0)
-        ),
-        adjoint=diffrax.ForwardMode(),
-        max_steps=1 << 20,
-        throw=False,
-    )
-    ok = solution.result == diffrax.RESULTS.successful
-    return solution.ys, ok, solution.stats["num_accepted_steps"]
-
-
-def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
-    for label, case in TOPS.items():
-        body, torque, start, _ = case
-
-        def row(control, count, states, ok, label=label, body=body, torque=torque, start=start):
-            error = (
-                np.asarray(ml.observe.energy(body, torque, states)) / float(ml.observe.energy(body, torque, start)) - 1
-            )
-            first, *_, last = np.array_split(error, 8)
-            numbers = [np.abs(first).max(), np.abs(last).max(), first.mean(), last.mean()]
-            note = "" if ok else " (failed)"
-            return [label, f"{control}{note}", str(count), *(f"{e:.1e}" for e in numbers)]
-
-        adaptive = jax.jit(
-            lambda case=case: ml.integrate_variable_step(
-                name, *case[:3], density=case[3], dt=dt, steps=steps, save_every=every
-            )
-        )()
-        lengths = np.diff(np.asarray(adaptive.times))
-        duration = adaptive.times[-1]
-        yield row("reversible", steps, adaptive.states, adaptive.ok)
-        states, ok = jax.jit(lambda case=case: density_at_start(ml.method(name), case, dt, steps, every))()
-        yield row("density at the start of a step", steps, states, ok)
-        path = jax.jit(lambda d, case=case: ml.integrate(name, *case[:3], dt=d / steps, steps=steps, save_every=every))(
-            duration
-        )
-        yield row("constant step", steps, path.states, path.ok)
-        for tolerance in (3e-4, 1e-4):
-            states, ok, count = eqx.filter_jit(pid_controlled)(name, case, duration, tolerance)
-            yield row(f"`PIDController`, atol {tolerance:g}", int(count), states, ok)
-        shortest, longest = lengths.min() / every, lengths.max() / every
-        print(f"({label}: {float(duration):.0f} time units, steps from {shortest:.3f} to {longest:.3f})", flush=True)
-
-
-PRINTED = "", ""  # these tables are on no page
-TABLES = {
-    "gain": Table(*PRINTED, ("case", "method", "steps", "error, constant step", "error, adaptive", "gain"), gain),
-    "energy": Table(
-        *PRINTED,
-        ("top", "control", "steps", "largest energy error, first eighth", "last eighth", "its mean, first", "last"),
-        energy,
-    ),
-}
+HEADS = "case", "method", "steps", "error, constant step", "error, adaptive", "gain"
 
 if __name__ == "__main__":
-    main(__doc__, TABLES)
+    main(__doc__, Table("", "", HEADS, gain))

@@ -16,13 +16,10 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness import Table, main, save, shown
+from harness import Table, main
 
 EVERY = 100
-STATE = 7 * 8  # bytes of one state in float64
 ROUNDS = 3
-DISK = 2e9  # bytes per second that all processes of a cluster write together, of the estimate
-PROCESSES = (1, 4, 16, 64)
 NAMES = {"ensemble": "`ensemble`", "by hand": "`ensemble`, then `numpy.save`", "simulate": "`simulate`"}
 SAVED = {
     "ensemble": "the end, in memory",
@@ -105,7 +102,6 @@ HEADS = (
     *("processor time per body-step, ns", "largest memory, MB"),
 )
 MILLION = Table("reports/speed.md", "million", HEADS)
-SCALING = "processes", "bodies", "computing, s", "writing, s", "efficiency"
 
 
 def million(options: Any) -> None:
@@ -120,7 +116,7 @@ def million(options: Any) -> None:
             costs[kind].append(measured(kind[0], bodies, steps, kind[1]))
             print(*kind, costs[kind][-1], flush=True)
     found = {kind: median(costs[kind]) for kind in kinds}
-    bare, one, size = found["ensemble", 1], found["simulate", 1], (steps // EVERY + 1) * bodies * STATE
+    bare = found["ensemble", 1]
     rows = [
         [
             *(NAMES[kind] + (f", {devices} devices" if devices > 1 else ""), SAVED[kind]),
@@ -129,17 +125,7 @@ def million(options: Any) -> None:
         ]
         for (kind, devices), cost in found.items()
     ]
-    scaling = [
-        [
-            *(f"{processes}", f"{processes * bodies:.0e}".replace("+0", ""), f"{one.wall:.0f}"),
-            *(f"{processes * size / DISK:.1f}", f"{one.wall / max(one.wall, processes * size / DISK):.2f}"),
-        ]
-        for processes in PROCESSES
-    ]
     MILLION.show(options.write, rows)
-    lines = shown(SCALING, scaling)
-    if options.write:
-        save("scaling", lines)
 
 
 ARGUMENTS = {

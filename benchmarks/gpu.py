@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import limit
 import numpy as np
 from harness import REPORTS, Line, Panel, chart, link, main, part, put, row_of, save
-from laboratory.kinds import rates
+from laboratory.rivals import rates
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes

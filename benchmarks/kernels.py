@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from unittest import mock
 
 os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")  # the compiler asks for a driver otherwise
@@ -45,13 +45,6 @@ NAMES = (
     *("JACOBI[SRKN14a]", "SYMMETRIC[SRKN14a]"),
 )
 
-# Beside the methods as they are: what other forms of their programs would cost, by the arguments of `compiled`.
-FORMS: dict[tuple[str, str], tuple[dict[str, Any], ...]] = {
-    ("SYMMETRIC[EA]", "float32"): ({"unroll": 1}, {"unroll": 8}),
-    ("JACOBI[EA]", "float32"): ({"unroll": 1}, {"unroll": 4}),
-    ("LIEMID[EA]", "float32"): ({"unroll": 2},),
-    ("GBS12", "float32"): ({"cut": False},),
-}
 
 _NO_KERNEL = {"parameter", "get-tuple-element", "tuple", "bitcast", "constant", "after-all", "while"}
 _BYTES = {"f64": 8, "f32": 4, "s32": 4, "u32": 4, "s64": 8, "u64": 8, "s16": 2, "u16": 2, "s8": 1, "u8": 1, "pred": 1}
@@ -88,14 +81,13 @@ def missing() -> str:
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
 
 
-def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int | None = None) -> Compiled:
+def compiled(method: Method | str, dtype: str, *, cut: bool = True) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
     Args:
         method: the method, or its name.
         cut: whether a long Runge-Kutta step is cut, as the package does; otherwise it is split as on a CPU, which
             compiles to nothing on a GPU.
-        unroll: steps in an iteration of the loop; by default those of the method on a GPU.
     """
     method = as_method(method)
     moments = jnp.array((5.0, 5.0, 1.0) if method.name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
@@ -117,7 +109,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
         mock.patch.object(runge_kutta, "cut", fusion.cut if cut else fusion.split),
         tempfile.TemporaryDirectory() as folder,
     ):
-        turn = unroll or method.unroll
+        turn = method.unroll
         lowered = jax.jit(jax.vmap(run), out_shardings=card).lower(*arguments)
         program = lowered.compile(compiler_options={"xla_backend_optimization_level": 3, "xla_dump_to": folder})
         ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
@@ -209,25 +201,20 @@ def _size(shape: str) -> int:
     return total
 
 
-def row(name: str, dtype: str, **form: Any) -> list[str]:
-    found = compiled(name, dtype, **form)
-    kernels, small, size = (f"{x:.4g}" for x in found.step)
-    words = "other number of steps per iteration" if "unroll" in form else "not cut" if form else ""
-    return [name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s"]
-
-
 def rows() -> Iterator[list[str]]:
     if missing():
         sys.exit(missing())
     for name in NAMES:
         for dtype in ("float32", "float64"):
-            yield from (row(name, dtype, **form) for form in ({}, *FORMS.get((name, dtype), ())))
+            found = compiled(name, dtype)
+            kernels, small, size = (f"{x:.4g}" for x in found.step)
+            yield [name, dtype, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s"]
 
 
 TABLE = Table(
     *("reports/gpu.md", "kernels"),
-    ("method", "dtype", "form", "steps per iteration", "launches per step", "bytes per body-step", "compile"),
-    *(rows, "gpu-kernels", lambda row: row[1:3] == ["float32", ""], (0, 3, 4, 5)),
+    ("method", "dtype", "steps per iteration", "launches per step", "bytes per body-step", "compile"),
+    *(rows, "gpu-kernels", lambda row: row[1] == "float32", (0, 2, 3, 4)),
 )
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """What torques of many operations cost, as neural networks are: first calls, and the time of a step.
 
-    python benchmarks/networks.py [--method NAME] [--widths 2 16] [--on scalars] [--write]
+    python benchmarks/networks.py [--write]
 
 The torque is an MLP of the attitude with two hidden layers and tanh, or a formula on arrays whose numbers are fitted.
-By default the package chooses whether it is evaluated on scalars within the step or on arrays apart from it. Value and
+The package chooses whether it is evaluated on scalars within the step or on arrays apart from it. Value and
 gradient with respect to all weights are those of |Pi|^2 at the end: of one body by `ml.integrate`, and of 1000 by
 `ml.ensemble`, in float64, on one core. First calls include tracing and compiling. Times of a step are medians, for one
 body. All are processor time.
@@ -19,9 +19,9 @@ import one_core  # noqa: F401
 from harness import Table, in_turn, main
 
 import midlie_jax as ml
-from midlie_jax._xla import replay
 
-BODIES, DT = 1000, 0.005
+METHOD, BODIES, DT = "JACOBI[EA]", 1000, 0.005
+WIDTHS = 1, 2, 4, 8, 16, 32, 64, 128
 STEPS = {"integrate": 2000, "ensemble": 64}
 BODY = ml.RigidBody(jnp.array([1.0, 2.0, 2.5]))
 
@@ -51,26 +51,12 @@ def facets(normals, t, rotation):
     return jnp.cross(0.3 * normals, -lit[:, None] * normals).sum(0)
 
 
-def spring(stiffness, t, rotation):
-    return jnp.cross(rotation[2], stiffness.reshape(3, 3) @ rotation[2])
-
-
 def gradient_of_gravity(tensor, t, rotation):
     down = rotation.T @ jnp.array([jnp.cos(t), jnp.sin(t), 0 * t])
     return 3 * jnp.cross(down, tensor.reshape(3, 3) @ down)
 
 
-def turned_tensor(tensor, t, rotation):
-    turned = rotation.T @ tensor.reshape(3, 3) @ rotation
-    return jnp.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
-
-
-def spectrum(amplitudes, t, rotation):
-    return jnp.sum(amplitudes * jnp.cos(jnp.arange(1.0, 9.0) * t)) * rotation[2]
-
-
-FORMULAS = {"spring": (spring, 9), "gradient of gravity": (gradient_of_gravity, 9), "spectrum": (spectrum, 8),
-            "turned tensor": (turned_tensor, 9), "4 facets": (facets, 12), "12 facets": (facets, 36)}  # fmt: skip
+FORMULAS = {"gradient of gravity": (gradient_of_gravity, 9), "4 facets": (facets, 12), "12 facets": (facets, 36)}
 
 
 def formula(name):
@@ -82,7 +68,7 @@ def network(width):
     return Network(eqx.nn.MLP(4, 3, width, depth=2, activation=jnp.tanh, key=jax.random.key(0)))
 
 
-def run_of(method, driver):
+def run_of(driver):
     turns = 0.1 * jax.random.normal(jax.random.key(1), (BODIES, 3))
     states = jax.vmap(lambda turn: ml.RigidState(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(turn)))(turns)
     steps = STEPS[driver]
@@ -90,9 +76,9 @@ def run_of(method, driver):
     def end(torque):
         if driver == "integrate":
             one = jax.tree.map(lambda x: x[0], states)
-            momentum = ml.integrate(method, BODY, torque, one, dt=DT, steps=steps, save_every=steps).states.momentum[-1]
+            momentum = ml.integrate(METHOD, BODY, torque, one, dt=DT, steps=steps, save_every=steps).states.momentum[-1]
         else:
-            run = ml.ensemble(method, BODY, torque, states, dt=DT, steps=steps, torque_axes=None)
+            run = ml.ensemble(METHOD, BODY, torque, states, dt=DT, steps=steps, torque_axes=None)
             momentum = run.states.momentum
         return jnp.sum(momentum**2)
 
@@ -113,12 +99,14 @@ def measured(transform, function, torque, body_steps):
 KEY = ("gradient of gravity", "network of width 16", "network of width 128", "12 facets")
 
 
-def rows(method, torques):
-    end, _ = run_of(method, "integrate")
+def rows():
+    networks = {f"network of width {width}": network(width) for width in WIDTHS}
+    torques = networks | {name: formula(name) for name in FORMULAS}
+    end, _ = run_of("integrate")
     measured(lambda f: f, end, ml.torques.HeavyTop(1.0), 1)  # what every program compiles once
     for name, torque in torques.items():
         for driver in STEPS:
-            end, body_steps = run_of(method, driver)
+            end, body_steps = run_of(driver)
             value = measured(lambda f: f, end, torque, body_steps)
             both = measured(jax.value_and_grad, end, torque, body_steps)
             yield [name, f"`{driver}`", *value, *both]
@@ -127,24 +115,12 @@ def rows(method, torques):
 TABLE = Table(
     *("reports/speed.md", "networks"),
     ("torque", "driver", "value: first call", "time per step", "value and gradient: first call", "time per step"),
+    rows,
     data="networks",
     key=lambda row: row[0] in KEY and row[1] == "`ensemble`",
     columns=(0, 2, 3, 4, 5),
 )
 
 
-def measure(options):
-    if options.on:
-        replay._suits_arrays = lambda closed: options.on == "arrays"
-    networks = {f"network of width {width}": network(width) for width in options.widths}
-    TABLE.show(options.write, rows(options.method, networks | {name: formula(name) for name in FORMULAS}))
-
-
-ARGUMENTS = {
-    "--method": {"default": "JACOBI[EA]"},
-    "--widths": {"type": int, "nargs": "+", "default": [1, 2, 4, 8, 16, 32, 64, 128]},
-    "--on": {"choices": ["scalars", "arrays"], "help": "evaluate the torque so, whatever its size"},
-}
-
 if __name__ == "__main__":
-    main(__doc__, measure, ARGUMENTS)
+    main(__doc__, TABLE)

@@ -52,8 +52,5 @@ def run(body: Any, start: Any, options: dict[str, Any]) -> Any:
 HEADS = "at each step", "ns per body-step", "more than the motion alone, ns"
 TABLE = Table("api.md", "observed", HEADS, rows)
 
-HEADS = "at each step", "ns per body-step", "more than the motion alone, ns"
-TABLE = Table("api.md", "observed", HEADS, rows)
-
 if __name__ == "__main__":
     main(__doc__, TABLE)

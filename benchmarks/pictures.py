@@ -28,7 +28,8 @@ from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMIL
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory import didymos, flyby  # noqa: E402, because they make bodies in float64
+import binaries as didymos  # noqa: E402, because they make bodies in float64
+import flyby  # noqa: E402
 
 TOP, GRAVITY = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])

@@ -16,7 +16,6 @@ import statistics
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 ONE_CORE = "--all-cores" not in sys.argv
@@ -29,7 +28,7 @@ import jax.numpy as jnp  # noqa: E402
 import limit  # noqa: E402
 import numpy as np  # noqa: E402
 from harness import Table, main  # noqa: E402
-from laboratory.kinds import rates  # noqa: E402
+from laboratory.rivals import rates  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
@@ -76,12 +75,11 @@ def body_step(run, scene, batch, steps, options=None):
     return median_seconds(lambda: program(many)) / (steps * batch), compiling
 
 
-def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
+def ours(name, scene, batch, steps, dtype=jnp.float64):
     scene = scenes.scene(scene.name, dtype)
-    torque = scene.torque if torque is None else torque
 
     def run(start):
-        return ml.integrate(ml.method(name), scene.body, torque, start, dt=0.005, steps=steps, save_every=steps)
+        return ml.integrate(name, scene.body, scene.torque, start, dt=0.005, steps=steps, save_every=steps)
 
     return body_step(run, scene, batch, steps)
 
@@ -94,20 +92,15 @@ def ambient(scene, t, y):
     return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])
 
 
-def in_diffrax(term, solver, times, start):
-    """The end of steps between these times, without a derivative."""
-    options = {"stepsize_controller": diffrax.StepTo(ts=times), "adjoint": diffrax.ForwardMode(), "max_steps": None}
-    return diffrax.diffeqsolve(term, solver, times[0], times[-1], None, start, **options).ys
-
-
 def tsit5_run(scene, dt, steps):
     """diffrax's Tsit5 on momentum and quaternion with a constant step, as a function of the start."""
+    times = dt * jnp.arange(steps + 1.0)
+    options = {"stepsize_controller": diffrax.StepTo(ts=times), "adjoint": diffrax.ForwardMode(), "max_steps": None}
+    term = diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y))
 
     def run(start):
         y = jnp.concatenate([start.momentum, start.attitude], axis=-1)
-        return in_diffrax(
-            diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y)), diffrax.Tsit5(), dt * jnp.arange(steps + 1.0), y
-        )[-1]
+        return diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, dt * steps, None, y, **options).ys[-1]
 
     return run
 
@@ -124,42 +117,11 @@ def scipy_step(scene, steps):
     return median_seconds(run) / (len(run()) - 1)
 
 
-def equal_time_errors(scene, ratio, time=1.0, steps=400):
-    """Errors of the momentum at `time`: LIEMID[EA] with `steps` steps, and Tsit5 with `ratio` times as many."""
-    tsit5_steps = max(1, round(steps * ratio))
-
-    def momentum(count):
-        return ml.integrate("LIEMID[EA]", scene.body, scene.torque, scene.start, dt=time / count, steps=count).states
-
-    liemid = momentum(steps).momentum[-1]
-    tsit5 = tsit5_run(scene, time / tsit5_steps, tsit5_steps)(scene.start)[:3]
-    exact = tsit5_run(scene, time / 8000, 8000)(scene.start)[:3]
-    return float(jnp.linalg.norm(liemid - exact)), float(jnp.linalg.norm(tsit5 - exact))
-
-
-def through_diffrax(scene, batch, steps):
-    """Cost of LIEMID[EA] as a solver of diffrax, with the steps and the end of `ours` and no derivative."""
-    term, times = ml.diffrax.RigidBodyTerm(scene.body, scene.torque), 0.005 * jnp.arange(steps + 1.0)
-    run = partial(in_diffrax, term, ml.diffrax.LieSolver("LIEMID[EA]"), times)
-    return body_step(run, scene, batch, steps)
-
-
-def elsewhere(*options, **environment):
+def elsewhere(*options):
     """Seconds a body-step of LIEMID[EA], batch 4096, measured in a separate process."""
     command = [sys.executable, __file__, "--quick", "--only-first", *options]
-    environment = {**os.environ, **environment}
-    out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     return float(re.findall(r"RESULT ([\d.eE+-]+)", out)[0])
-
-
-def ensemble_step(name, scene, starting, steps):
-    """A call that moves all bodies by `steps` steps through `ml.ensemble`, and its compiled program."""
-
-    def run(start):
-        return ml.ensemble(name, scene.body, scene.torque, start, dt=0.005, steps=steps)
-
-    program, _ = compiled(run, starting)
-    return lambda: program(starting), program
 
 
 def limits(scene, batch, steps):
@@ -167,31 +129,21 @@ def limits(scene, batch, steps):
     for method, dtype in itertools.product(("LIEMID", "JACOBI", "SYMMETRIC", "DOP853"), (jnp.float64, jnp.float32)):
         name = method if method == "DOP853" else f"{method}[EA]"
         own = scenes.scene(scene.name, dtype)
-        call, _ = ensemble_step(name, own, starts(own, batch), steps)
-        rivals = {method: "relative to C"}
-        if method == "LIEMID":
-            rivals["LIEMID_EARLY"] = "relative to C that stops solves early"
+        many = starts(own, batch)
+
+        def run(start, name=name, own=own):
+            return ml.ensemble(name, own.body, own.torque, start, dt=0.005, steps=steps)
+
+        program, _ = compiled(run, many)
         digits = jnp.dtype(dtype).name
-        for rival, words in rivals.items():
-            kind = limit.best(rival, digits)
-            pairs = [(limit.limit(rival, digits), median_seconds(call) / (batch * steps)) for _ in range(3)]
-            share = statistics.median(c / cost for c, cost in pairs)
-            speed = f"limit {1e-6 / min(c for c, _ in pairs):.1f} M/s by {Path(kind.compiler).name}: {kind.form}"
-            yield f"{name}, {digits}, {words}", speed, f"{share:.2f}", ""
-
-
-def sizes(scene, name, reference):
-    for many in (1, 100, 10_000, 1_000_000):
-        steps = {1: 20_000, 100: 2000, 10_000: 100}.get(many, 20)
-        starting = starts(scene, many)
-        call, program = ensemble_step(name, scene, starting, steps)
-        cost = median_seconds(call) / (steps * many)
-        memory = program.memory_analysis()
-        body_bytes = (memory.output_size_in_bytes + memory.temp_size_in_bytes) / many
-        note = f"{1e9 * cost:.1f} ns per body-step"
-        if many == 1_000_000:
-            note += f"; memory besides the start: {body_bytes / 56:.1f} times the start"
-        yield f"{name}, ensemble of {many}", note, f"{reference / cost:.2f}", ""
+        kind = limit.best(method, digits)
+        pairs = [
+            (limit.limit(method, digits), median_seconds(lambda p=program, s=many: p(s)) / (batch * steps))
+            for _ in range(3)
+        ]
+        share = statistics.median(c / cost for c, cost in pairs)
+        speed = f"limit {1e-6 / min(c for c, _ in pairs):.1f} M/s by {Path(kind.compiler).name}: {kind.form}"
+        yield f"{name}, {digits}, relative to C", speed, f"{share:.2f}", ""
 
 
 def flight_rows(scene, batch, steps):
@@ -215,56 +167,6 @@ def flight_rows(scene, batch, steps):
         yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
 
 
-def state_rows(batch, steps):
-    """Rows for each kind of state: free bodies, and bodies under a torque of time; timed alternately.
-
-    The direction and the attitude follow the same motion as the momentum alone, so their ratio is what they cost.
-    """
-    rng = np.random.default_rng(0)
-    attitude, direction = jnp.array([1.0, 0, 0, 0]), jnp.array([0.0, 0, 1.0])
-    kinds = {
-        "the attitude": lambda momentum: ml.RigidState(momentum, attitude),
-        "one direction": lambda momentum: ml.DirectionState(momentum, direction),
-        "the momentum alone": ml.MomentumState,
-    }
-    control = ml.torques.Prescribed(lambda t: jnp.stack([0.1 * t * t, 0.2 * t, 0.1 - t]))
-    many = jnp.asarray(rng.normal(size=(batch, 3)))
-    for name, moments in (("JACOBI[EA]", [1.0, 2.0, 2.5]), ("SYMMETRIC[EA]", [2.0, 2.0, 2.5])):
-        for label, torque in (("free", None), ("a torque of time", control)):
-
-            def prepared(kind, name=name, moments=moments, torque=torque):
-                def run(momentum):
-                    body = ml.RigidBody(moments)
-                    path = ml.integrate(name, body, torque, kind(momentum), dt=0.01, steps=steps, save_every=steps)
-                    return path.states
-
-                program, compiling = compiled(jax.vmap(run), many)
-                return lambda: program(many), compiling
-
-            programs = {state: prepared(kind) for state, kind in kinds.items()}
-            times = {state: [] for state in kinds}
-            for _ in range(7):
-                for state, (call, _) in programs.items():
-                    times[state].append(median_seconds(call, 1) / (steps * batch))
-            for state, (_, compiling) in programs.items():
-                ratio = statistics.median(
-                    whole / own for whole, own in zip(times["the attitude"], times[state], strict=True)
-                )
-                speed = f"{1e-6 / statistics.median(times[state]):.1f} M body-steps/s"
-                yield f"{name}, {label}, {state}", speed, f"{ratio:.2f}", f"{compiling:.1f} s"
-
-
-def free_motion_row(batch, count=16):
-    """What one state of `free_motion` costs, over a batch of bodies with `count` times each."""
-    body, attitude = ml.RigidBody([1.0, 2.0, 2.5]), jnp.array([1.0, 0, 0, 0])
-    times = jnp.logspace(-2, 6, count)
-    many = jnp.asarray(np.random.default_rng(0).normal(size=(batch, 3)))
-    run = jax.vmap(lambda momentum: ml.free_motion(body, ml.RigidState(momentum, attitude), times).states)
-    program, compiling = compiled(run, many)
-    cost = median_seconds(lambda: program(many)) / (batch * count)
-    yield "free_motion, a state with attitude", f"{1e9 * cost:.0f} ns", "", f"{compiling:.1f} s"
-
-
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
@@ -273,41 +175,19 @@ def rows(scene, quick):
     if (os.cpu_count() or 1) > 1:
         both = statistics.median(elsewhere() / elsewhere("--all-cores") for _ in range(3))
         yield f"LIEMID[EA], {os.cpu_count()} cores", "relative to one core", f"{both:.2f}", ""
-    for label, torque in (
-        ("a torque written on arrays", lambda t, s: 20 * jnp.cross(ml.so3.to_matrix(s.attitude)[2], jnp.eye(3)[2])),
-        ("a torque from a potential", ml.torques.FromPotential(lambda t, s: 20 * ml.so3.to_matrix(s.attitude)[2, 2])),
-    ):
-        cost, compiling = ours("LIEMID[EA]", scene, batch, steps, torque=torque)
-        yield f"LIEMID[EA], {label}", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     cost, compiling = ours("LIEMID[EA]", scene, batch, steps, jnp.float32)
     yield "LIEMID[EA], float32", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    if not quick:
-        option = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-        cost = elsewhere(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} {option}".strip())
-        yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / cost:.2f}", ""
     for name in (method.name for method in paper_methods() if method.name != "LIEMID[EA]"):
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     yield from flight_rows(scene, batch, steps)
-    yield from state_rows(batch, steps)
-    yield from free_motion_row(batch)
     cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps, vector_width_options())
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    liemid, tsit5 = equal_time_errors(scene, reference / cost)
-    yield "error of Pi at equal time, T = 1", f"LIEMID[EA] {liemid:.1e}, Tsit5 {tsit5:.1e}", "", ""
-    yield from sizes(scene, "LIEMID[EA]", reference)
-    yield from sizes(scene, "SYMMETRIC[EA]", reference)
     solo, _ = ours("LIEMID[EA]", scene, 1, 20_000)
     cost, _ = body_step(tsit5_run(scene, 0.005, 20_000), scene, 1, 20_000)
     yield "diffrax Tsit5, 1 body", f"{1e6 * cost:.2f} µs per step", f"{solo / cost:.4f} of LIEMID[EA]'s", ""
     cost = scipy_step(scene, 2000)
     yield "SciPy RK45, 1 body", f"{1e6 * cost:.0f} µs per step", f"{solo / cost:.4f} of LIEMID[EA]'s", ""
-    for many in (1, 1000, 100_000):
-        steps = 100_000 // many if many < 1000 else 40
-        alone, _ = ours("LIEMID[EA]", scene, many, steps)
-        cost, compiling = through_diffrax(scene, many, steps)
-        label = f"LIEMID[EA] through diffrax, {many} bodies"
-        yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
 
 
 def is_key(row):

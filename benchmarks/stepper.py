@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
 from harness import Table, in_turn, main
-from laboratory import thrown_brick
-from laboratory.rivals.problem import program
+from kinds_of_state import model
+from laboratory.rivals import program
 
 import midlie_jax as ml
 
@@ -226,7 +226,7 @@ def craft() -> Iterator[list[str]]:
     def with_mjx(integrator: str, learned: bool) -> Any:
         mjx = program("mujoco.mjx")
         with jax.enable_x64(False):
-            made = mjx.put_model(thrown_brick.model(body, integrator, mass=0.5, gravity=9.81, dt=0.005))
+            made = mjx.put_model(model(body, integrator, mass=0.5, gravity=9.81, dt=0.005))
             data = mjx.make_data(made)
 
         def run(start: Any, action: Any) -> Any:

@@ -23,9 +23,9 @@ SMALL = {
         "WARM_EXPOSURES": (0.1,),
     },
     ("heat", "DIFFUSION"): {"WALKERS": 4, "SCHEMES": ("BAOAB",), "WALKS": (10.0,)},
-    ("laboratory.spins.kept", "CONSERVATION"): {"SPINS": 8, "TIME": 1.0, "CHAIN_METHODS": ("SUBLATTICES[EA]",)},
-    ("laboratory.solids", "BAR"): {"CASES": ((1.0, 10),)},
-    ("laboratory.times_faster", "FASTEST"): {},
+    ("spins", "CONSERVATION"): {"CHAIN": 8, "CHAIN_TIME": 1.0, "CHAIN_METHODS": ("SUBLATTICES[EA]",)},
+    ("solids", "BAR"): {"CASES": ((1.0, 10),)},
+    ("work_precision", "FASTEST"): {},
     ("search", "SEARCH"): {"SEEDS": ()},
 }
 
@@ -46,7 +46,7 @@ def test_a_part_prints_its_table(name, table, monkeypatch, capsys):
 def test_spins_move_as_their_closed_forms_say():
     """A wall is fastest at Walker's field; a skyrmion has the charge -1 and moves across the slope; a peak is found
     between the bins; and the rival in JAX is of second order."""
-    from laboratory.spins import kept, moving, rivals
+    kept = moving = rivals = benchmark("spins")
 
     fastest = moving.known(moving.WALKER)
     assert max(moving.known(0.9 * moving.WALKER), moving.known(1.1 * moving.WALKER)) < fastest

@@ -1,6 +1,6 @@
 """The random numbers of `_math/counter.py` and `_math/normals.py`: their bits, and what a statistician would test.
 
-`benchmarks/random_numbers.py words` feeds the words to programs that test random numbers.
+`benchmarks/random_numbers.py` feeds the words to programs that test random numbers.
 """
 
 import re

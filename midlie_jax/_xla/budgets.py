@@ -1,6 +1,6 @@
 """The measured limits by which a run is divided for XLA: its loops, prepared inputs, chunks and kept states.
 
-`python benchmarks/budgets.py` times typical runs with each limit at half, as it is, and doubled, and
+`python benchmarks/compiler_options.py limits` times typical runs with each limit at half, as it is, and doubled, and
 `tests/test_compiled.py` counts the loops. How many flights fit one loop is a property of the flight, `per_loop`.
 """
 

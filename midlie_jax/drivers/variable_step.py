@@ -14,11 +14,8 @@ motion.
 Measured by `python benchmarks/adaptive.py`: the gain is large where the time scale of the motion changes. On an orbit
 of eccentricity 0.6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and
 from 5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the
-top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). The energy of a
-swinging Lagrange top does not drift in 2.6e5 steps. Its largest error is 1.3e-3 both in the first and in the last
-eighth of the run. With the density evaluated at the beginning of each step, these errors are 3.7e-2 and 1.5e-1. Energy
-does not drift for motions that are integrable or nearly so. For an asymmetric top the mean energy error varies between
-3.1e-3 and -2.9e-3, and a constant step is better.
+top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). Energy does not
+drift for motions that are integrable or nearly so; for an asymmetric top a constant step is better.
 
 The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
 and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
