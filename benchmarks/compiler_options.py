@@ -1,7 +1,7 @@
 """What the options and the limits gain that the package gives to XLA's compiler: docs/reports/speed.md.
 
     python benchmarks/compiler_options.py options [--write]   without the options, with one, and with both
-    python benchmarks/compiler_options.py limits              with a limit of midlie_jax/_xla/budgets.py halved or doubled
+    python benchmarks/compiler_options.py limits              with each of midlie_jax/_xla/budgets.py halved, doubled
 
 Each row has three processes on one core that take turns; medians of processor time. `options` runs 1000 fast tops P1 by
 `ml.ensemble`: without the options, so that a sort keeps steps in vectors; with the option for that in its place; and

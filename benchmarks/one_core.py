@@ -1,5 +1,9 @@
-"""Importing this gives JAX float64 and holds a benchmark to one core, before XLA counts the cores; a test keeps all."""
+"""Importing this gives JAX float64 and holds a benchmark to one core, before XLA counts the cores; a test keeps all.
 
+With the option `--all-cores` a benchmark that was started from one core has all.
+"""
+
+import os
 import sys
 from pathlib import Path
 
@@ -8,5 +12,8 @@ import jax
 from midlie_jax.advice.timing import pin
 
 if Path(sys.argv[0]).resolve().parent == Path(__file__).resolve().parent:
-    pin()
+    if "--all-cores" not in sys.argv:
+        pin()
+    elif hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
 jax.config.update("jax_enable_x64", True)

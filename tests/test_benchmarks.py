@@ -15,13 +15,7 @@ from midlie_jax.cli import scenes
 limit = benchmark("limit")
 # Module, table, and the sizes that make it small.
 SMALL = {
-    ("observed", "TABLE"): {"BODIES": 4, "STEPS": 2, "TURNS": 1},
-    ("heat", "TEMPERATURE"): {
-        "WARM_BODIES": 8,
-        "WARM_FLIGHTS": ("SYMMETRIC",),
-        "WARM_SCHEMES": ("BAOAB",),
-        "WARM_EXPOSURES": (0.1,),
-    },
+    ("speed", "OBSERVED"): {"OBSERVED_BODIES": 4, "OBSERVED_STEPS": 2, "TURNS": 1},
     ("heat", "DIFFUSION"): {"WALKERS": 4, "SCHEMES": ("BAOAB",), "WALKS": (10.0,)},
     ("spins", "CONSERVATION"): {"CHAIN": 8, "CHAIN_TIME": 1.0, "CHAIN_METHODS": ("SUBLATTICES[EA]",)},
     ("solids", "BAR"): {"CASES": ((1.0, 10),)},

@@ -170,7 +170,7 @@ def _scalars(array: Array) -> list[Array]:
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
     """Whether a function is evaluated on arrays: few operations on arrays give many on scalars, as in a network.
 
-    The limits come from `benchmarks/networks.py`. The reverse derivative of 1000 bodies under a network of width 2,
+    The limits come from `benchmarks/speed.py networks`. The reverse derivative of 1000 bodies under a network of width 2,
     with 47 operations on scalars and a ratio of 6 per operation on arrays, took 10 s to compile on scalars and 5 s on
     arrays. With width 1 and 23 operations, both took equally long. Torques of the scenes have ratios of 1 to 1.3, and a
     formula with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has a ratio of up to 3, so it
