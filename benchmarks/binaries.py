@@ -92,7 +92,6 @@ def start(kind: str = TILTED) -> ml.CoupledState:
 
 
 def errors(state: ml.CoupledState, end: dict[str, tuple[float, ...]]) -> dict[str, float]:
-    """The distance of each known vector, relative to its length."""
     found = as_end(state)
     result = dict[str, float]()
     for name, values in end.items():
@@ -114,7 +113,6 @@ def scattered(count: int, spread: float = 0.05, seed: int = 0) -> tuple[ml.FreeB
 
 
 def as_end(state: ml.CoupledState) -> dict[str, tuple[float, ...]]:
-    """A state in the form of `ENDS`."""
     a, b = MASSES
     vectors = {
         "r": state.position[1] - state.position[0],
@@ -168,7 +166,6 @@ def end(method: str, degree: int, steps: int) -> ml.CoupledState:
 
 
 def known_end(degree: int) -> dict[str, tuple[float, ...]]:
-    """The published end after a day; for degree 4, the end of the finest run."""
     if (TILTED, degree, DAY) in ENDS:
         return ENDS[TILTED, degree, DAY]
     return as_end(end(FINEST[0], degree, FINEST[1]))

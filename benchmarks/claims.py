@@ -60,7 +60,6 @@ _WEIGHTS = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 4 / 5, -1 / 5, 4 / 105, -
 
 
 def canonical(momentum: Any) -> np.ndarray:
-    """The matrix (6, 6) of the canonical form at a body-frame momentum (3,)."""
     zero, one = np.zeros((3, 3)), np.eye(3)
     x, y, z = np.asarray(momentum)
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -183,7 +182,6 @@ class _MarkedTorque(Torque):
 
 
 def work(method: Method) -> Work:
-    """The work of a step of a rigid body with two equal moments, under a torque that depends on the attitude."""
     body = ml.RigidBody(jnp.array([2.0, 2.0, 3.0]))
     start = ml.RigidState(jnp.ones(3), jnp.full(4, 0.5))
     fitted = method.fitted(body)
@@ -292,13 +290,10 @@ def _reference(equal: bool) -> Program:
 
 @cache
 def _exact_end(equal: bool) -> ml.RigidState:
-    """The tops at the end of the ladder, by a method of order 6 with 1024 steps."""
     return jax.tree.map(lambda x: x[:ROWS], _reference(equal).run(_TIME / 1024, 1024)[0])
 
 
 class Bench:
-    """Measures methods; holds the exact ends of P1."""
-
     def __init__(self, steps: int = STEPS):
         """Takes the number of steps of the long run, of which `SAMPLES` states are kept."""
         self.samples = min(SAMPLES, steps)
@@ -392,8 +387,6 @@ class Bench:
 
 
 class _Runs:
-    """One method's compiled program, and the runs that need no exact motion."""
-
     def __init__(self, method: Method, equal: bool):
         self.moments = np.array(_EQUAL if equal else _ANY)
         bodies, momentum, attitude, _ = free_bodies(equal, float, count=TOPS, seed=4)
@@ -415,7 +408,6 @@ class _Runs:
         return self.runner.run(self.rows(self.moments, self.weight, _tops(), dt), steps)
 
     def long_run(self) -> Rows:
-        """`TOPS` tops, then as many free bodies."""
         moments, momentum, attitude = self.free
         start = jax.tree.map(lambda x: x[:TOPS], _tops())
         both = ml.RigidState(
@@ -464,7 +456,6 @@ def _tops() -> ml.RigidState:
 
 
 def _error(found: ml.RigidState, exact: ml.RigidState) -> float:
-    """The root mean square over the rows of the errors of momentum, relative, and of attitude, in radians."""
     momentum = np.linalg.norm(found.momentum - exact.momentum, axis=1) / np.linalg.norm(exact.momentum, axis=1)
     turn = np.asarray(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(exact.attitude), found.attitude)))
     return float(np.sqrt(np.mean(momentum**2 + np.sum(turn**2, axis=1))))
@@ -509,7 +500,6 @@ class Verdict(NamedTuple):
 
 
 def rounding(found: Measured) -> float:
-    """What rounding makes of a constant over the long run, relative."""
     return _WALK * _EPSILON * (found.steps * max(1, found.flights)) ** 0.5
 
 
@@ -550,7 +540,6 @@ def largest_energy(found: Measured) -> float:
 
 
 def trend(found: Measured) -> tuple[float, float]:
-    """The last of `shifts`, and the root mean square of the energy error in the first eighth, relative."""
     first = np.array_split(found.energy, EIGHTHS)[0]
     return float(shifts(found)[-1]), float(np.sqrt(np.mean(first**2)))
 
@@ -562,7 +551,6 @@ def has_no_trend(found: Measured) -> bool:
 
 
 def drift_shift(found: Measured) -> float:
-    """The change of the mean energy error from the first eighth of the drift test to the last."""
     return float(found.drift.eighths[0, -1] - found.drift.eighths[0, 0])
 
 
@@ -587,7 +575,6 @@ def is_alternating(method: Method) -> bool:
 
 
 def of_its_kind(method: Method, found: Measured) -> bool:
-    """Whether the method is of second order, explicit with one torque a step, and keeps the momentum."""
     return method.order == 2 and found.work.explicit and found.work.evaluations == 1 and keeps_momentum(found)
 
 
@@ -620,7 +607,6 @@ def ranked(
 
 
 def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
-    """What the registry declares of a method, and what follows for the energy."""
     gradients = isinstance(method, Splitting) and any(method.scheme.gradients) and not method.scheme.displaced
     claims = [
         (DECLARED[0], f"order {method.order}", f"{found.order:.2f}", has_order(found, method.order), True),
@@ -643,7 +629,6 @@ def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
 
 
 def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> list[Verdict]:
-    """The five claims of the paper about its alternating method, and what follows for the energy."""
     verdicts: list[Verdict] = []
     for method, found in zip(methods, all_found, strict=True):
         if not is_alternating(method):
@@ -784,7 +769,6 @@ def _methods(options: argparse.Namespace) -> list[Method]:
 
 
 def _measured(bench: Bench, methods: list[Method]) -> list[Measured]:
-    """What was measured of each method, in their order; two methods at a time if there are two cores."""
     with progress_bar(_STAGES * len(methods), "part") as bar, ThreadPoolExecutor(min(2, cores())) as pool:
         # The alternating method first: what all methods share is computed with it, before others start.
         first = next((i for i, method in enumerate(methods) if is_alternating(method)), 0)
@@ -840,7 +824,6 @@ def word(verdict: Verdict) -> str:
 
 
 def summary(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
-    """How many of the registry's declarations hold, in a sentence, and which fall."""
     verdicts = [v for m, f in zip(methods, all_found, strict=True) for v in registry_verdicts(m, f)]
     falls = [v for v in verdicts if not v.holds]
     text = f"{len(verdicts) - len(falls)} of {len(verdicts)} declarations of the registry hold."

@@ -59,7 +59,6 @@ def missing(name: str) -> list[str]:
 
 
 def tables(name: str) -> list[tuple[str, str]]:
-    """The two programs (left, right) of each table of a page whose columns are programs."""
     found: list[tuple[str, str]] = []
     for table in _TABLE.findall((FOLDER / f"{name}.md").read_text()):
         blocks = _BLOCK.findall(table)
@@ -109,7 +108,6 @@ def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None
 
 
 def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tuple[Outcome, Outcome]:
-    """The outcomes of both columns of a page, or of these programs, each run as it stands, with the same motion."""
     left, right = codes or columns(name)
     theirs, ours = (run(code, PAGES[name].quantities, later) for code in (left, right))
     agree(name, theirs, ours)
@@ -117,7 +115,6 @@ def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tup
 
 
 def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
-    """The cells of a row; `form` is "seconds", or a format such as ".1e"."""
     left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
     ratio = theirs / ours
     return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
@@ -138,7 +135,6 @@ def errors(label: str, both: Iterable[Outcome], fine: Outcome, quantity: str = "
 
 
 def in_words(seconds: float) -> str:
-    """Two digits of a time, in the unit that suits it."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if seconds >= 0.995 * size or unit == "µs":
             value = seconds / size
@@ -607,7 +603,6 @@ def _orekit(left: str, right: str) -> Iterator[Row]:
 
 
 def _java(craft: int, states: int) -> float:
-    """Seconds of a state in Java itself, when its compiler has done its work."""
     spec = find_spec("orekit_jpype")
     if spec is None or spec.origin is None:
         raise RuntimeError("orekit_jpype is not installed.")

@@ -74,8 +74,7 @@ def solver_rows():
         yield [f"`{name}`", f"{errors[0]:.1e}", f"{np.log2(errors[0] / errors[1]):.2f}", f"{drift:.1e}"]
 
 
-def energy(_, duration=2000.0, parts=8):
-    """Prints the largest relative error of the energy in each of `parts` equal parts of the time."""
+def energy_rows(duration=2000.0, parts=8):
     weight = jnp.array(WEIGHT)
     first = ml.observe.energy(TERM.body, top(weight), start())
 
@@ -106,14 +105,13 @@ def energy(_, duration=2000.0, parts=8):
         errors = np.abs(np.asarray(solution.ys[:steps]) / float(first) - 1)
         return steps, [errors[which == part].max() for part in range(parts)]
 
-    print(f"largest |E/E0 - 1| in each eighth of {duration:.0f} time units")
     for name, tolerance in (("LIEMID[EA]", 1e-4), ("SLIEMID[EA]", 1e-4)):
         solver = ml.diffrax.LieSolver(name)
         controller = diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.diffrax.RotationNorm())
         steps, varying = parts_of(run(solver, 0.01, controller))
         same, constant = parts_of(run(solver, duration / steps, None))
         for label, count, errors in (("PIDController", steps, varying), ("constant step", same, constant)):
-            print(f"{name:12} {label:14} {count:7} steps ", " ".join(f"{e:.1e}" for e in errors), flush=True)
+            yield [f"`{name}`", label, str(count), *(f"{e:.1e}" for e in errors)]
 
 
 def event_rows(dt=0.01):
@@ -211,7 +209,9 @@ TABLES = {
         ("solver", "error at h = 1/8", "measured order", "drift of the spatial momentum, free body, h = 1/4"),
         *(solver_rows, "diffrax-solvers", lambda row: row[0].strip("`") not in ("Heun", "Bosh3", "Kvaerno5")),
     ),
-    "energy": energy,
+    "energy": Table(
+        "", "", ("largest |E/E0 - 1| of each eighth", "control", "steps", *map(str, range(1, 9))), energy_rows
+    ),
     "events": Table(
         *("reports/speed.md", "events"),
         ("method", "`dense`", "error of the time", "of the momentum", "of the attitude", "first call", "later calls"),

@@ -37,8 +37,6 @@ PERIODS = {"precession_period": 27.374 * HOUR, "rotation_period": 262.2 * HOUR} 
 
 
 class End(NamedTuple):
-    """A start, and where it ends."""
-
     phases: tuple[float, float]
     momentum_before: tuple[float, float, float]
     attitude_before: tuple[float, float, float, float]
@@ -104,7 +102,6 @@ def starts(count: int) -> ml.RigidState:
 
 
 def distance(found: Any, right: Any) -> Any:
-    """The angle between attitudes, radians."""
     found, right = (np.asarray(x) for x in (found, right))
     apart = np.minimum(np.linalg.norm(found - right, axis=-1), np.linalg.norm(found + right, axis=-1))
     return 4 * np.arcsin(np.clip(apart / 2, 0, 1))

@@ -49,8 +49,6 @@ METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS1
 
 
 class Job(NamedTuple):
-    """What one program computes."""
-
     method: str
     dtype: str
     bodies: int
@@ -71,7 +69,6 @@ class Figure(NamedTuple):
 
 
 def jobs(quick: bool) -> Iterator[Job]:
-    """All jobs, the most informative first."""
     by_nvcc = METHODS[:3] if shutil.which("nvcc") and jax.default_backend() == "gpu" else ()
     if quick:
         yield from (Job(method, "float32", 1000, KERNEL) for method in by_nvcc)
@@ -88,7 +85,6 @@ def jobs(quick: bool) -> Iterator[Job]:
 
 
 def run_of(job: Job):
-    """The function that the job compiles, from a state to the momentum at the end."""
     scene = scene_of(job)
 
     def ours(start):
@@ -141,7 +137,6 @@ def attempted(measure: Callable[..., Figure], job: Job, *others: Any) -> Iterato
 
 
 def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
-    """The figures of the jobs, as they are found; failures are printed and left out."""
     began = time.perf_counter()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         by_nvcc = dict.fromkeys((job.method, job.dtype) for job in queue if job.form == KERNEL)
@@ -164,7 +159,6 @@ def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
 
 
 def kernels(method: str, dtype: str) -> list[Path]:
-    """The programs of `limit.cu` with exact and with rough roots and divisions."""
     return [limit.built_for_gpu(method.partition("[")[0], dtype, rough) for rough in (False, True)]
 
 
@@ -243,7 +237,6 @@ def draw(figures: list[Figure], path: Path) -> None:
 
 
 def write_page(device: str, lines: list[str]) -> None:
-    """Puts the whole table into its data file, and the picture and the rows in float32 into the page."""
     save("gpu", lines)
     rows = part(
         lines, lambda row: row[1] == "float32" and (row[2] in (OURS, KERNEL) or row[0] == TSIT5), (0, 1, 2, 3, 5, 7, 9)

@@ -29,13 +29,9 @@ FRESH = 3  # processes, of which `first_call` takes the median
 class Table(NamedTuple):
     """A table of docs/.
 
-    Attributes:
-        page, mark: it stands between the comments <!-- mark --> and <!-- /mark --> of docs/page; "" is on no page.
-        heads: of its columns.
-        rows: yields the cells of each row.
-        data: the name of its data file; by default it has none.
-        key, columns: of a table with a data file which rows, by their cells, and which columns are on the page.
-        words: what is on the page instead of rows, from the rows of the data file.
+    It stands between the comments <!-- mark --> and <!-- /mark --> of docs/page; "" is on no page. `rows` yields the
+    cells of each row. Of a table with a data file `key` chooses rows, by their cells, and `columns` those on the page;
+    `words` are on the page instead of rows, from the rows of the data file.
     """
 
     page: str
@@ -146,14 +142,10 @@ def main(
     first: Callable[..., Callable[[], Any]] | None = None,
     serve: Callable[[], None] | None = None,
 ) -> None:
-    """A benchmark on the command line.
+    """A benchmark on the command line, with `--write` and options as for `ArgumentParser.add_argument`.
 
-    Args:
-        description: its help.
-        parts: what it measures, by name; all unless some are named. A part that is no table is called with the options.
-        arguments: options besides `--write`, as for `ArgumentParser.add_argument`.
-        first: makes the run of a process that `first_call` starts, from its words.
-        serve: what a process does that `Served` starts.
+    `parts` are what it measures, by name; all unless some are named. What is no table is called with the options.
+    `first` makes the run of a process that `first_call` starts, from its words; `serve` is what `Served` starts.
     """
     if first is not None and "--first" in sys.argv:
         run = first(*sys.argv[sys.argv.index("--first") + 1 :])
@@ -184,11 +176,7 @@ def main(
 
 
 class Compiled(NamedTuple):
-    """A compiled program with its arguments, which waits for its result when it is called.
-
-    Attributes:
-        seconds: processor time of tracing and compiling.
-    """
+    """A compiled program, which waits for its result, and the seconds of processor time of tracing and compiling."""
 
     program: Any
     arguments: tuple[Any, ...]

@@ -120,8 +120,6 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True) -> Compiled:
 
 
 def coupled(count: int) -> str:
-    """The optimised program of a run of coupled bodies under a force of all pairs."""
-
     def energy(t, state):
         apart = state.position[:, None] - state.position[None]
         return jnp.sum(1 / jnp.sqrt(1 + jnp.sum(apart * apart, axis=-1)))
@@ -161,7 +159,6 @@ def _computations(text: str) -> dict[str, list[tuple[str, ...]]]:
 
 
 def _loop_over_steps(computations) -> Launches:
-    """The launches of one iteration of the loop with `ITERATIONS` iterations."""
     for instructions in computations.values():
         for _, _, operation, rest in instructions:
             if operation == "while" and _turns(rest) == ITERATIONS:

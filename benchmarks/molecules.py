@@ -289,7 +289,6 @@ def dimer_rows() -> Iterator[list[str]]:
 
 
 def errors(position: Any, attitude: Any) -> tuple[str, str]:
-    """How far position and attitude of the second molecule are from the known end."""
     there = ml.so3.multiply(jnp.asarray(DIMER_ATTITUDE), FRAME)
     turn = ml.so3.log(ml.so3.multiply(ml.so3.conjugate(there), jnp.asarray(attitude)))
     found = float(np.linalg.norm(np.asarray(position) - DIMER_POSITION)), float(jnp.linalg.norm(turn))
@@ -342,7 +341,6 @@ LENGTH = 2.0  # ps
 
 
 def own(scheme: str, per_force: float) -> float:
-    """The standard deviation of the energy, kJ/mol; NaN if the run fails."""
     name, (start, edge) = f"JACOBI[{scheme}]", box()
     dt, every = 1e-3 * per_force * forces_per_step(name), SCHEMES[scheme]
     options: Any = {"dt": dt, "steps": every * round(LENGTH / (dt * every)), "save_every": every, "skin": edge}

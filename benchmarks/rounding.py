@@ -1,24 +1,18 @@
-"""Rounding errors and the energy over many steps, for docs/reports/rounding.md.
+"""Rounding errors over many steps, and variable steps, for docs/reports/rounding.md.
 
     python benchmarks/rounding.py free [--write]      what free flights conserve, over 1e6 steps
     python benchmarks/rounding.py growth [--write]    how errors grow, over up to 1e8 steps; rounding-growth.png
-    python benchmarks/rounding.py cost [--write]      what a step costs with each state and dtype that `growth` compares
-    python benchmarks/rounding.py long [--write]      the energy over 1e7 steps: which methods drift; docs/long-run.png
+    python benchmarks/rounding.py variable            what variable steps gain over constant ones
 
-`--steps` takes another number of steps. Times are nanoseconds of processor time for a step of one body, on one core:
-medians of runs that take turns.
+`--steps` takes another number of steps.
 
 Of free flights, each figure is the root mean square over 16 bodies of the relative change of the spatial momentum R Pi,
 the length of Pi or, if the flight is exact, the energy, in units of eps times the square root of the number of steps,
 for the worst of six angles per step, 1e-5 to 1 radian. If it is the same for any number of steps, rounding errors grow
 as a random walk.
-
-Of long runs, for P1 and an asymmetric top at a coarse step: the largest error of the energy, and how much its mean over
-the last tenth of the run differs from that over the first, both relative to the energy at the start. A symplectic
-method's energy stays within a band that does not move.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,12 +20,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
-from harness import DOCS, REPORTS, Line, Panel, Table, chart, in_turn, main
+from harness import REPORTS, Line, Panel, Table, chart, main
 from laboratory.free_body import free_body
 from laboratory.runner import TURNS, Rows, Runner, free_bodies, spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.advice.program import Program
 from midlie_jax.cli import scenes
 from midlie_jax.integrators.flights import FLIGHTS
 
@@ -84,87 +77,6 @@ FREE = Table(
     data="rounding",
     key=lambda row: row[0].strip("`") in SHOWN,
 )
-
-# ---- the energy over long runs ----
-
-KEPT, PARTS = 20_000, 40
-METHODS = {
-    "P1": ("LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "SYMMETRIC[EA]", "SYMMETRIC[CHIN4A]"),
-    "asymmetric-top": ("LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[EA]", "JACOBI[CHIN4A]"),
-}
-MOVED = "asymmetric-top"  # where the energy of LIEMID[EA] shifts
-STEP = {"P1": 0.02, "asymmetric-top": 0.05}
-
-
-def energies(name, scene, dt, steps):
-    """Times, relative energy errors at these times, and whether every solve succeeded."""
-    every = steps // KEPT
-
-    @jax.jit
-    def run(start):
-        path = ml.integrate(name, scene.body, scene.torque, start, dt=dt, steps=steps, save_every=every)
-        return path.times, jax.vmap(lambda s: ml.observe.energy(scene.body, scene.torque, s))(path.states), path.ok
-
-    times, energy, ok = run(scene.start)
-    energy = np.asarray(energy)
-    return np.asarray(times), (energy - energy[0]) / abs(energy[0]), bool(ok)
-
-
-def long_runs(steps):
-    for scene_name, names in METHODS.items():
-        scene = scenes.scene(scene_name)
-        for name in names:
-            times, error, ok = energies(name, scene, STEP[scene_name], steps)
-            tenth = len(error) // 10
-            trend = abs(error[-tenth:].mean() - error[:tenth].mean())
-            yield scene_name, name, times, error, trend, ok
-
-
-def shifts(times, error):
-    """Middles of the parts after the first, and the largest shift so far of their mean error from the first part's."""
-    middles, means = (np.array([part.mean() for part in np.array_split(x, PARTS)]) for x in (times, error))
-    return middles[1:], np.maximum.accumulate(np.maximum(np.abs(means - means[0])[1:], 1e-16))
-
-
-def draw_long(results, path):
-    """Draws the largest difference so far of the mean energy error of a part of the run from the first part's."""
-    colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
-
-    def line(colour, name, times, error):
-        return Line(name, *shifts(times, error), colour, bold=True, options={"linewidth": 2})
-
-    panels = []
-    for scene in METHODS:
-        runs = [result[1:4] for result in results if result[0] == scene]
-        lines = [line(colour, *one) for colour, one in zip(colours, runs, strict=True)]
-        title, up = f"{scene}, step {STEP[scene]:g}", "shift of the mean energy error [initial energy]"
-        options = {"yscale": "log", "xlim": (0, runs[0][1][-1])}
-        panels.append(Panel(title, "time [unit of time]", up, lines, options, lambda axes: axes.ticklabel_format(
-            axis="x", style="sci", scilimits=(5, 5))))  # fmt: skip
-    peaks = {name: shifts(times, error)[1].max() for scene, name, times, error, *_ in results if scene == MOVED}
-    ratio = peaks.pop("LIEMID[EA]") / max(peaks.values())
-    title = f"On the asymmetric top, the energy of LIEMID[EA] shifts {ratio:.0f} times more than with other methods"
-    note = f"Means of the energy error over {PARTS} parts of the run; the largest difference so far."
-    chart(path, [panels], (13.0, 5.6), title, note, bottom=0.11, wspace=0.2)
-
-
-def long_row(scene_name, name, _, error, trend, ok):
-    note = "" if ok else " (a solve failed)"
-    return [f"{scene_name}, step {STEP[scene_name]:g}", f"`{name}`", f"{np.abs(error).max():.1e}{note}", f"{trend:.1e}"]
-
-
-def long(options):
-    steps, results = int(options.steps or 1e7), []
-    table = Table(
-        *("reports/rounding.md", "long run"),
-        (f"scene, {steps:.0e} steps", "method", "largest energy error", "shift of its mean"),
-        data="long-run",
-        key=lambda row: "CHIN4A" not in row[1] and "DLM" not in row[1],
-    )
-    table.show(options.write, (results.append(result) or long_row(*result) for result in long_runs(steps)))
-    if options.write:
-        draw_long(results, DOCS / "long-run.png")
-
 
 # ---- how errors grow over up to 1e8 steps: free bodies and the fast top P1 ----
 #
@@ -395,38 +307,89 @@ def growth(options: Any) -> None:
         draw(results, REPORTS / "rounding-growth.png")
 
 
-# ---- what a step costs with each state and dtype ----
+# ---- the gain of `ml.integrate_variable_step` over constant steps: errors at equal torque evaluations ----
 
-COPIES, CHUNK, COST_STEPS, COST_ROUNDS = 64, 256, 2000, 15
-
-
-def _compiled(case: Case, mode: Mode) -> Callable[[], Any]:
-    """A run of many copies of the first body of a case, from the starts of all."""
-    rows = rows_of(case, mode)
-    body, torque, dt = jax.tree.map(lambda x: x[0], (rows.body, rows.torque, rows.dt))
-    starts = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), rows.start)
-    program = Program(ml.method(case.method), body, torque, starts, chunk=CHUNK)
-    _, ok = program.run(float(dt), COST_STEPS)
-    if not ok.all():
-        raise RuntimeError(f"{case.name}, {mode.name}: a step failed.")
-    return lambda: program.run(float(dt), COST_STEPS)
+VARIABLE_METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
 
-def cost_rows() -> Iterator[list[str]]:
-    free, _, top = cases()
-    for case in (free, top._replace(method="SYMMETRIC[EA]"), top):
-        times = in_turn([_compiled(case, mode) for mode in MODES], COST_ROUNDS)
-        yield [f"`{case.method}`", *(f"{1e9 * seconds / (COPIES * BODIES * COST_STEPS):.1f}" for seconds in times)]
+def satellite(eccentricity, orbits=5.3):
+    """A satellite on an eccentric orbit, from the periapsis, in units of the semi-major axis and the period."""
+    mu = jnp.array(4 * np.pi**2)
+    position = jnp.array([1 - eccentricity, 0.0, 0.0])
+    velocity = jnp.array([0.0, 2 * np.pi * jnp.sqrt((1 + eccentricity) / (1 - eccentricity)), 0.0])
+    orbit = ml.orbits.KeplerOrbit(position, velocity, mu)
+    body = ml.RigidBody(jnp.array([1.0, 1.05, 1.1]))
+    torque = ml.spacecraft.GravityGradient(body.moments, orbit, mu)
+    start = ml.RigidState(body.moments * jnp.array([0.5, 1.0, 6.0]), ml.so3.exp(jnp.array([0.2, 0.3, 0.4])))
+    return body, torque, start, ml.densities.OrbitalDistance(orbit, jnp.array(1.0)), float(orbits)
 
 
-COST = Table("reports/rounding.md", "cost", ("method", *(mode.name for mode in MODES)), cost_rows)
+def bruls_cardona(density):
+    scene = scenes.scene("bruls-cardona")
+    return scene.body, scene.torque, scene.start, density(scene), scene.duration
 
+
+def by_torque(scene):
+    return ml.densities.TorqueSize(scene.torque, jnp.array(147.15), jnp.array(14.715))
+
+
+def constant_density(t, state):
+    del state
+    return jnp.ones_like(t)
+
+
+MOTIONS = {
+    "satellite, eccentricity .6": (satellite(0.6), (200, 800)),
+    "satellite, eccentricity .8": (satellite(0.8), (800, 3200)),
+    "bruls-cardona, by torque": (bruls_cardona(by_torque), (800, 3200)),
+}
+
+
+def ends(name, case, density, dts, most):
+    """Rotation matrices at the end, numbers of steps taken, and `ok`, for each of `dts`."""
+    body, torque, start, _, t1 = case
+
+    @jax.jit
+    @jax.vmap
+    def run(dt):
+        path = ml.integrate_variable_step(
+            name, body, torque, start, density=density, dt=dt, steps=most, save_every=most, t1=t1
+        )
+        return ml.so3.to_matrix(path.states.attitude[-1]), path.taken, path.ok
+
+    return [np.asarray(x) for x in run(jnp.asarray(dts))]
+
+
+def gain():
+    for label, (case, ladder) in MOTIONS.items():
+        density, t1 = case[3], case[4]
+        smallest = t1 / (30 * ladder[-1])
+        # The reference, and its uncertainty: the distance between the results with two small steps.
+        exact, taken, ok = ends("JACOBI[SRKN6b]", case, density, [smallest, 0.7 * smallest], 1 << 20)
+        mean = taken[0] * smallest / t1
+        uncertainty = np.linalg.norm(exact[1] - exact[0])
+        assert ok.all(), label
+        for name in VARIABLE_METHODS:
+            dts = t1 * mean / np.array(ladder)
+            adaptive, taken, ok = ends(name, case, density, dts, 1 << 20)
+            constant, constant_taken, constant_ok = ends(name, case, constant_density, t1 / taken, 1 << 20)
+            assert (np.abs(constant_taken - taken)[constant_ok & ok] <= 1).all(), (constant_taken, taken)
+            for i, count in enumerate(taken):
+                adaptive_error, constant_error = (np.linalg.norm(x[i] - exact[1]) for x in (adaptive, constant))
+                results = (constant_error, constant_ok[i]), (adaptive_error, ok[i])
+                texts = [f"{error:.1e}" if succeeded else "failed" for error, succeeded in results]
+                known = ok[i] and constant_ok[i] and min(constant_error, adaptive_error) > 10 * uncertainty
+                ratio = f"{constant_error / adaptive_error:.2g}" if known else "not known"
+                yield [label, f"`{name}`", str(count), *texts, ratio]
+        print(f"(uncertainty of the reference {uncertainty:.0e})", flush=True)
+
+
+VARIABLE = Table("", "", ("case", "method", "steps", "error, constant step", "error, adaptive", "gain"), gain)
 
 MEASURED = {
     "free": lambda options: FREE.show(options.write, free_rows(int(options.steps or 1e6))),
     "growth": growth,
-    "cost": COST,
-    "long": long,
+    "variable": VARIABLE,
 }
 if __name__ == "__main__":
     main(__doc__, MEASURED, {"--steps": {"type": float}})

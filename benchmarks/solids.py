@@ -69,7 +69,6 @@ class NeoHookean(eqx.Module):
         self.mu, self.lame = (jnp.asarray(x, nodes.dtype) for x in (mu, lame))
 
     def edges(self, nodes: Array) -> Array:
-        """The edges from the first node of each tetrahedron to the others, as columns (e, 3, 3)."""
         places = nodes[self.corners]
         return jnp.swapaxes(places[:, 1:] - places[:, :1], 1, 2)
 
@@ -81,7 +80,6 @@ class NeoHookean(eqx.Module):
         return jnp.sum(self.volume * density)
 
     def masses(self, nodes: Array, density: float) -> Array:
-        """A quarter of the mass of each tetrahedron for each of its nodes: a column (n, 1)."""
         quarter = density * self.volume[:, None] / 4
         shared = jnp.broadcast_to(quarter, self.corners.shape)
         return jnp.zeros(len(nodes), nodes.dtype).at[self.corners].add(shared)[:, None]
@@ -376,14 +374,12 @@ class Run(NamedTuple):
 
 
 def elastic(t: Any, state: ml.ParticleState) -> Any:
-    """The energy of the elements; the nodes at the ends are fixed and so are no coordinates."""
     del t
     u = jnp.pad(state.position, 1)
     return ELEMENTS / 2 * jnp.sum(jnp.diff(u) ** 2)
 
 
 def case(courant: float, steps: int) -> Run:
-    """The bar that is let go from its mode, at the step courant/N."""
     shape = np.sin(MODE * np.pi * np.arange(1, ELEMENTS) / ELEMENTS)
     start = ml.ParticleState(jnp.zeros(ELEMENTS - 1), jnp.asarray(shape))
     h = courant / ELEMENTS

@@ -64,7 +64,6 @@ def starting(scene, batch):
 
 
 def median_seconds(call, repeats=6):
-    """Median time of the runs after the first."""
     return timed(lambda: jax.block_until_ready(call()), least=1, most=repeats, clock=user_clock())[1].seconds
 
 
@@ -98,7 +97,6 @@ def cost_of(name, scene, batch, steps, dtype=jnp.float64):
 
 
 def ambient(scene, t, y):
-    """d/dt of momentum and quaternion as one array (7,), for a general solver."""
     state = ml.RigidState(y[:3], y[3:])
     velocity = y[:3] / scene.body.moments
     rate = state.kind.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
@@ -106,7 +104,6 @@ def ambient(scene, t, y):
 
 
 def tsit5_run(scene, dt, steps):
-    """diffrax's Tsit5 on momentum and quaternion with a constant step, as a function of the start."""
     times = dt * jnp.arange(steps + 1.0)
     options = {"stepsize_controller": diffrax.StepTo(ts=times), "adjoint": diffrax.ForwardMode(), "max_steps": None}
     term = diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y))
@@ -119,7 +116,6 @@ def tsit5_run(scene, dt, steps):
 
 
 def scipy_step(scene, steps):
-    """Seconds a step of SciPy's RK45 at a constant step, on Python floats, which are faster here than NumPy's."""
     field = rates(scene)
     start = np.concatenate([np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)])
     options = {"method": "RK45", "first_step": 0.005, "max_step": 0.005, "rtol": 1e-2, "atol": 1e3}
@@ -138,7 +134,6 @@ def elsewhere(*options):
 
 
 def limits(scene, batch, steps):
-    """Rows that compare with hand-written C of the same methods, timed alternately under the same conditions."""
     for method, dtype in itertools.product(("LIEMID", "JACOBI", "SYMMETRIC", "DOP853"), (jnp.float64, jnp.float32)):
         name = method if method == "DOP853" else f"{method}[EA]"
         own = scenes.scene(scene.name, dtype)
@@ -275,7 +270,6 @@ def call_rows() -> Iterator[list[str]]:
 
 
 def orbiting(name: str, bodies: int | None, steps: int) -> Any:
-    """A run in the field of a centre around which the body goes, with an orbit that all bodies share."""
     orbit = ml.orbits.KeplerOrbit(jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.1, 0.0]), 1.0)
     return driven(name, ml.spacecraft.GravityGradient(None, orbit, 1.0), bodies, steps)
 
@@ -333,7 +327,6 @@ def component(t: Any, state: Any) -> Any:
 
 
 def cases() -> Iterator[tuple[str, dict[str, Any]]]:
-    """What is saved, and the options of `ensemble` for it."""
     yield "nothing", {"save_every": None}
     yield "the states", {"save_every": 1}
     yield "`Mean`", {"save_every": 1, "observe": ml.observe.Mean(component)}
@@ -383,8 +376,6 @@ class Network(eqx.Module):
 
 
 class Formula(eqx.Module):
-    """A torque written on arrays, with its numbers."""
-
     numbers: jax.Array
     function: Callable = eqx.field(static=True)
 
@@ -393,7 +384,6 @@ class Formula(eqx.Module):
 
 
 def facets(normals, t, rotation):
-    """The pressure of light on flat faces."""
     normals = normals.reshape(-1, 3)
     lit = jnp.maximum(normals @ (rotation.T @ jnp.array([1.0, 0.0, 0.0])), 0.0)
     return jnp.cross(0.3 * normals, -lit[:, None] * normals).sum(0)
@@ -436,7 +426,6 @@ def run_of(driver):
 
 
 def measured(transform, function, torque, body_steps):
-    """Seconds of the first call, and nanoseconds of a step of one body."""
     arrays, rest = eqx.partition(torque, eqx.is_array)
     program = jax.jit(transform(lambda arrays: function(eqx.combine(arrays, rest))))
     began = time.process_time()
@@ -563,13 +552,11 @@ def steps_of(method: str) -> int:
 
 
 def ensemble(method: str, state: str, dtype: str) -> tuple[Callable[[Any], Any], Any]:
-    """A run as a function of the starts, and the starts."""
     body, torque, starts = cast(SYSTEMS[method.partition("[")[0]][state](), dtype)
     return lambda start: ml.ensemble(method, body, torque, start, dt=KIND_DT, steps=steps_of(method)), starts
 
 
 def timed_run(*case: str) -> Callable[[], Any]:
-    """A run as a compiled program, without the checks of each call."""
     run, starts = ensemble(*case)
     call = compiled(run, starts, bodies=KIND_BODIES)
     if not bool(jnp.all(call().ok)):

@@ -56,7 +56,6 @@ CHAIN_METHODS = "SUBLATTICES[EA]", "SUBLATTICES[KL6]", "spherical midpoint", "Li
 
 
 def errors(method: str, dt: float) -> tuple[float, float, float]:
-    """The largest errors in a run of energy and total spin, each over the number of spins, and of a length."""
     body, field, start = ml.spins.Spins(), ml.spins.Exchange(-1.0), random((CHAIN,), 0)
     path = ml.integrate(method, body, field, start, dt=dt, steps=round(CHAIN_TIME / dt))
     assert bool(jnp.all(path.ok))
@@ -145,7 +144,6 @@ def defects(system: str, method: str) -> np.ndarray:
 
 
 def _order(errors: np.ndarray) -> str:
-    """The slope of the two shortest steps, or nothing at rounding."""
     return "rounding" if errors[-2:].max() < 1e-13 else f"{np.log2(errors[-2] / errors[-1]):.1f}"
 
 
@@ -212,8 +210,6 @@ def known_waves(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _end(method: str, shape: tuple[int, ...]) -> Any:
-    """The spins after one step as a function of their components x and y and the step, and whether it succeeded."""
-
     def end(across: Any, dt: Any) -> Any:
         along = jnp.sqrt(1 - jnp.sum(across**2, axis=-1, keepdims=True))
         start = ml.spins.SpinState.unchecked(spin=jnp.concatenate([across, along], axis=-1))
@@ -535,7 +531,6 @@ def _torque(size: int, gradient: float) -> Any:
 
 
 def guess(size: int) -> ml.spins.SpinState:
-    """Spins down in the middle, which turn outwards and up within a few places."""
     x, y = (np.arange(size) - (size - 1) / 2 for _ in range(2))
     x, y = np.meshgrid(x, y, indexing="ij")
     theta = 4 * np.arctan(np.exp(-np.hypot(x, y) / 5))
@@ -545,7 +540,6 @@ def guess(size: int) -> ml.spins.SpinState:
 
 
 def skyrmion_states() -> Moved:
-    """Relaxed in the uniform field, then driven."""
     relaxing, every = round(RELAXED / SKYRMION_DT), round(SKYRMION_TIME / SKYRMION_DT) // FRAMES
 
     def run(damping: float, gradient: float, start: ml.spins.SpinState, **options: Any) -> Any:
@@ -585,7 +579,6 @@ def place(spin: np.ndarray) -> np.ndarray:
 
 
 def thiele(spin: np.ndarray) -> np.ndarray:
-    """The velocity (2,) of Thiele's equation for the shape of a skyrmion."""
     g = 4 * math.pi * charge(spin)
     change = (np.roll(spin, -1, axis=0) - np.roll(spin, 1, axis=0)) / 2
     d = float((change**2).sum())
@@ -629,7 +622,6 @@ def _draw_skyrmion(found: Moved, out: Path, count: int = 4) -> None:
 
 
 def animate(found: Moved, out: Path, scale: int = 4, seconds: float = 4.0) -> None:
-    """A GIF of the component z: red down, blue up."""
     frames: list[Any] = []
     for spin in found.spin:
         colours = colormaps["RdBu"]((spin[..., 2].T[::-1] + 1.2) / 2.4)[..., :3]
@@ -659,12 +651,10 @@ def skyrmion(options: Any) -> None:
 
 
 def _exchange(spin: Any) -> Any:
-    """The field of J = 1 on a periodic lattice."""
     return tuple(sum(jnp.roll(x, step, axis) for axis in range(x.ndim) for step in (1, -1)) for x in spin)
 
 
 def depondt(spin: Any, dt: Any, steps: Any) -> Any:
-    """Spins (*lattice, 3) after some steps under exchange with J = 1, without damping."""
     return _depondt(spin.size // 3)(spin, dt, steps)
 
 

@@ -94,7 +94,6 @@ def _programs(facets: int, dtype: Any) -> list[Compiled]:
 
 
 def loops(program: Any) -> int:
-    """The most fused loops over the bodies of a chunk in a loop over blocks of facets."""
     text = program.as_text()
     parts = {part.split()[0].lstrip("%"): part for part in re.split(r"\n}\n+", text) if part.split()}
     bodies = [parts[name] for name in set(re.findall(r"body=%?([\w.\-]+)", text))]
@@ -178,8 +177,6 @@ _SHADOW_STEPS, _SHADOW_ROUNDS = 5, 5
 
 
 class Dark(ml.asteroids.Scattering):
-    """The law of light curve inversion, without arrays."""
-
     def __call__(self, mu: Any, mu0: Any) -> Any:
         return mu * mu0 * (1 / (mu + mu0) + 0.1)
 
@@ -188,7 +185,6 @@ LAW = Dark()
 
 
 def stretched(subdivisions: int, radius: Callable[[np.ndarray], np.ndarray]) -> ml.Surface:
-    """The surface of vertices at the distance `radius(directions)`."""
     import trimesh
 
     ball: Any = trimesh.creation.icosphere(subdivisions)
@@ -249,7 +245,6 @@ def phases_of(name: str) -> tuple[int, ...]:
 
 
 def directions(phase: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the Sun and of the observer, (24, 3), around the z axis at other latitudes."""
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 
     def at(longitude: np.ndarray, latitude: float) -> np.ndarray:
@@ -261,7 +256,6 @@ def directions(phase: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def points_of(k: int) -> np.ndarray:
-    """Barycentric coordinates of the centres of k^2 equal triangles in one."""
     upright = [((i + 1 / 3) / k, (j + 1 / 3) / k) for i in range(k) for j in range(k - i)]
     others = [((i + 2 / 3) / k, (j + 2 / 3) / k) for i in range(k) for j in range(k - i - 1)]
     points = np.array(upright + others)

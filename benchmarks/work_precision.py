@@ -61,7 +61,6 @@ GENERAL, CONSERVING, SYMPLECTIC = FAMILIES = ("general", "conserving", "symplect
 
 
 def family(method: Method) -> str:
-    """The smallest family that contains the method."""
     if method.symplectic:
         return SYMPLECTIC
     return CONSERVING if method.symmetric or method.keeps_energy else GENERAL
@@ -93,7 +92,6 @@ class Best(NamedTuple):
 
 
 def by_method(points: Iterable[Point]) -> dict[str, list[Point]]:
-    """The points of each method, in the order in which the methods first appear."""
     groups: dict[str, list[Point]] = {}
     for point in points:
         groups.setdefault(point.method, []).append(point)
@@ -110,7 +108,6 @@ def envelope(costs: Sequence[float], errors: Sequence[float]) -> list[tuple[floa
 
 
 def cost_at(line: Sequence[tuple[float, float]], error: float) -> float:
-    """The cost at which an envelope reaches an error."""
     neighbours = _neighbours(line, error)
     if len(neighbours) < 2:
         return neighbours[0][0] if neighbours else math.inf
@@ -128,7 +125,6 @@ def _neighbours(line: Sequence[tuple[float, float]], error: float) -> Sequence[t
 
 
 def best_at(points: Iterable[Point], error: float, cost: str = "seconds") -> Best:
-    """The cheapest method at an error; the cost is "seconds", "evaluations" or "steps" of the points."""
     best = Best(math.inf, "")
     for name, line in by_method(points).items():
         edge = envelope([getattr(p, cost) for p in line], [p.error for p in line])
@@ -180,7 +176,6 @@ class Ratio(NamedTuple):
 def ratios(
     ours: Sequence[Point], rivals: Sequence[Point], families: Mapping[str, str], errors: Sequence[float] = DECADES
 ) -> list[Ratio]:
-    """One row for each error; the families are the smallest family of each of our methods, by its name."""
     ours_by_family = {name: members(ours, families, name) for name in FAMILIES}
     rows = []
     for error in errors:
@@ -228,7 +223,6 @@ def cells(row: Ratio) -> list[str]:
 
 
 def span(ratios: Sequence[float]) -> str:
-    """The least and the largest of the ratios, in words, and how many are not known (NaN)."""
     known = [ratio for ratio in ratios if math.isfinite(ratio)]
     if not known:
         return "not compared: one of the two reaches none of these errors"
@@ -240,8 +234,6 @@ def span(ratios: Sequence[float]) -> str:
 
 
 class Band(NamedTuple):
-    """How the frontier of a family is drawn: the colour also of its name and methods, points, opacity."""
-
     colour: str
     width: float
     alpha: float
@@ -318,7 +310,6 @@ def work_precision_figure(
 def _leading(
     points: Sequence[Point], families: Mapping[str, str], edges: Mapping[str, Sequence[tuple[float, float]]], cost: str
 ) -> list[str]:
-    """At most `_NAMED` methods: those that make most of the frontiers, or the first ones if there is no frontier."""
     counts = Counter(
         best_at(members(points, families, name), error, cost).method
         for name, edge in edges.items()
@@ -346,7 +337,6 @@ def _draw_frontiers(axes: Any, edges: Mapping[str, Sequence[tuple[float, float]]
 
 
 def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, Style], cost: str) -> None:
-    """Draws a thin line for each method or program, ours below the frontiers."""
     for name, own in by_method(points).items():
         line = envelope([getattr(p, cost) for p in own], [max(p.error, _LEAST) for p in own])
         if not line or line[-1][1] > _TOP:  # all of it is above the panel
@@ -384,7 +374,6 @@ def methods_for(scene: Scene) -> tuple[str, ...]:
 
 
 def _steady(scene: Scene) -> bool:
-    """Whether the energy of the body is constant, and known."""
     if scene.torque is None:
         return True
     return steady_potential(on_body(scene.torque, scene.body), jnp.asarray(0.0), scene.start) is not None
@@ -404,7 +393,6 @@ def problem(which: str | Scene, bodies: int = BODIES, judged: int = JUDGED, *, q
 
 
 def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
-    """The numbers at the end, how they were computed, and their uncertainty."""
     kind = kind_of(scene)
     if exact := kind.exact(scene, states):
         return *exact, 1e-15
@@ -464,7 +452,6 @@ def compared(
     quick: bool = False,
     said: Callable[[str], None] = print,
 ) -> Comparison:
-    """Measures our methods, by default `methods_for` the scene, and the rivals on a scene."""
     load = Load()
     case = problem(which, quick=quick)
     methods = methods_for(case.scene) if ours is None else ours
@@ -505,7 +492,6 @@ def note(comparison: Comparison) -> str:
 
 
 def timing_note(comparison: Comparison) -> str:
-    """How times were measured, their spread, and a warning if the machine was busy."""
     spread = spread_in_words([point.spread for point in comparison.ours + comparison.rivals])
     return f"Times: medians of {cost_clock().name}, {spread}. {comparison.warning}".strip()
 
@@ -527,7 +513,6 @@ NOTE = "Run time of the other program over the fastest method's, at equal error;
 
 
 def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
-    """For each program and scene the errors and our times over theirs."""
     scenes = by_scene("work-precision")
     return {
         name: {
@@ -583,7 +568,6 @@ EQUAL = "any, symplectic"
 
 
 def _cell(row: dict[str, str], family: str) -> str:
-    """Method and time of a family at one error; "same" stands for the column to its left."""
     order = ["general: µs per body", "conserving: µs per body", "symplectic: µs per body"]
     place = order.index(f"{family}: µs per body")
     while row[order[place]] == "same":
@@ -660,7 +644,6 @@ def everything(options: Any) -> None:
 
 
 def into_pages() -> None:
-    """What pages show of the data of all scenes."""
     rows = [list(row.values()) for row in saved(DATA[2])]
     heads = ["scene", *(f"{family}: than heyoka" for family in FAMILIES), "general: than diffrax"]
     put(PAGE, "times faster", table(heads, [[name, *map(inverse, ratios)] for name, *ratios in rows]))
@@ -669,7 +652,6 @@ def into_pages() -> None:
 
 
 def said(comparison: Comparison) -> list[str]:
-    """What is said of a scene above its table."""
     problem, spreads = comparison.problem, [point.spread for point in comparison.ours + comparison.rivals]
     return [
         f"Error: {problem.kind.measured}. Reference: {problem.source}, uncertainty {problem.uncertainty:.0e}.",
@@ -678,7 +660,6 @@ def said(comparison: Comparison) -> list[str]:
 
 
 def key_rows(name: str) -> list[str]:
-    """The table of a scene on the page: times, and how many times faster, at `ERRORS`."""
     columns = "general / heyoka", "general / diffrax", "symplectic / heyoka"
     return table(
         PAGE_HEADS,
@@ -716,13 +697,11 @@ def keep_and_draw(name: str, comparison: Comparison, out: Path) -> None:
 
 
 def message(name: str, over_heyoka: str) -> str:
-    """The title of a chart, from the span of the ratios of all methods to heyoka."""
     faster = inverse(over_heyoka)
     return f"{name}: {faster} times faster than heyoka" if faster[0].isdigit() else name
 
 
 def spans(rows: list[Ratio]) -> list[str]:
-    """The spans of the ratios to heyoka by family, and of the ratio to diffrax."""
     over_heyoka = [span([row.families[family].over_heyoka for row in rows]) for family in FAMILIES]
     return [*over_heyoka, span([row.over_diffrax for row in rows])]
 

@@ -48,8 +48,6 @@ from midlie_jax.spacecraft.gravity_gradient import GravityGradient
 
 @dataclass(frozen=True, eq=False)
 class SceneOfAnyKind(Scene):
-    """A scene whose body and start may be of any kind."""
-
     body: Any
     start: Any
 
@@ -183,7 +181,6 @@ def dot(a: Any, b: Any) -> Any:
 
 
 def rows(quaternion: Any) -> tuple[Vector, Vector, Vector]:
-    """The rows of the rotation matrix of a unit quaternion."""
     w, x, y, z = quaternion
     return (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -201,12 +198,10 @@ def turning(quaternion: Any, velocity: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def matrix(quaternion: Any) -> np.ndarray:
-    """The rotation matrix of a unit quaternion, computed in the number type of its entries."""
     return np.array(rows(quaternion))
 
 
 def matrices(quaternions: np.ndarray) -> np.ndarray:
-    """The rotation matrices (n, 3, 3) of quaternions (n, 4) of any norm."""
     unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
     return np.stack([matrix(q) for q in unit])
 
@@ -266,7 +261,6 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
 
 
 def orbit_of(scene: Scene) -> KeplerOrbit | None:
-    """The orbit of the torque, or None if it has none."""
     orbit = scene.torque.orbit if isinstance(scene.torque, GravityGradient) else None
     return orbit if isinstance(orbit, KeplerOrbit) else None
 
@@ -320,7 +314,6 @@ def kepler(orbit: KeplerOrbit) -> Callable[[float], Vector]:
 
 
 def rigid_errors(ends: np.ndarray, rigid_exact: np.ndarray) -> np.ndarray:
-    """|R - R*|, Frobenius norm."""
     return np.linalg.norm(matrices(ends[:, 3:]) - matrices(rigid_exact[:, 3:]), axis=(1, 2))
 
 
@@ -427,7 +420,6 @@ def kind_of(scene: Scene) -> Kind:
 
 
 def numbers(states: Any) -> np.ndarray:
-    """The numbers (n, k) of states with a leading axis n."""
     return np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(states)], axis=-1)
 
 
@@ -805,7 +797,6 @@ def model(scene: Scene, integrator: str) -> Any:
 
 
 def measure_mujoco(problem: Problem, integrator: str, name: str, evaluations: int) -> Iterator[Point]:
-    """Points of an integrator of MuJoCo; none for a torque that MuJoCo does not have."""
     mujoco = program("mujoco")
     rollout = program("mujoco.rollout")
 
@@ -871,7 +862,6 @@ class Variant(NamedTuple):
 
 
 def variants(bodies: int) -> list[Variant]:
-    """The variants that are worth trying on this machine for so many bodies."""
     width = program("heyoka").recommended_simd_size()
     found = [Variant(width, False), Variant(width, True), Variant(2 * width, True)]
     if vector_width_options():  # the processor has AVX-512, and our programs use it
@@ -881,7 +871,6 @@ def variants(bodies: int) -> list[Variant]:
 
 
 def equations(scene: Scene, kind: Kind, count: int) -> list[Any]:
-    """The equations of a state of `count` numbers as heyoka's expressions; an orbit is integrated along with it."""
     heyoka = program("heyoka")
 
     state = heyoka.make_vars(*(f"s{i}" for i in range(count)))
@@ -980,7 +969,6 @@ LABEL = "heyoka, with the spin"
 
 
 def whole(problem: Problem) -> Problem:
-    """The problem of the axis, to be solved with momentum and attitude in the body frame."""
     scene: Any = problem.scene
     starts: Any = problem.starts
     rotor = scene.body
@@ -994,7 +982,6 @@ def whole(problem: Problem) -> Problem:
 
 
 def measure_spinning(problem: Problem) -> Iterator[Point]:
-    """A point for each tolerance; none where the state is not an axis."""
     if isinstance(problem.scene.body, SymmetricRotor):
         yield from measure(whole(problem), label=LABEL)
 
@@ -1033,7 +1020,6 @@ RIVALS = (
 
 
 def require(rivals: tuple[Rival, ...] = RIVALS) -> None:
-    """Checks that the packages of the rivals are installed, before minutes are spent on measuring."""
     missing = [name for name in dict.fromkeys(n for r in rivals for n in r.needs) if find_spec(name) is None]
     if missing:
         raise ImportError(f"the rivals need {' and '.join(missing)}: pip install 'midlie_jax[bench]'.")

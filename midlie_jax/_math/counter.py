@@ -5,7 +5,7 @@ words are mixed as in pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU r
 Techniques 9(3), 2020): the four words of a block are multiplied with each other, and the high half of each is folded
 into the low half. pcg4d itself is too weak for keys, because its low output bits do not depend on the highest input
 bits. Here words that may follow a pattern are folded first, and the result is folded last; each input bit then changes
-each output bit with probability 1/2. `benchmarks/random_numbers.py` feeds statistical tests.
+each output bit with probability 1/2.
 
 With Threefry (J. Salmon, M. Moraes, R. Dror and D. Shaw, Parallel random numbers: as easy as 1, 2, 3, 2011) of twelve
 rounds, normal numbers took 1.4 times the time, and from `jax.random` 20 times. Philox needs products of 64 bits, which

@@ -11,7 +11,7 @@ This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It 
 the same steps backwards. Compared with a step of `integrate`, a step needs one more derivative of the density along the
 motion.
 
-Measured by `python benchmarks/adaptive.py`: the gain is large where the time scale of the motion changes. On an orbit
+Measured by `python benchmarks/rounding.py variable`: the gain is large where the time scale of the motion changes. On an orbit
 of eccentricity 0.6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and
 from 5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the
 top of Bruls and Cardona it doubles (a gain of 0.48, JACOBI[EA], density from the size of the torque). Energy does not
