@@ -1,8 +1,7 @@
 """Spins on lattices: what methods keep, spin waves, rivals, walls and skyrmions: docs/reports/heat.md.
 
     python benchmarks/spins.py conservation [--write]  energy, total spin and lengths in runs of a chain
-    python benchmarks/spins.py area [--write]          symplectic defects of one step; spins-area.png
-    python benchmarks/spins.py dispersion [--write]    spin waves beside their closed form; spins-waves.png
+    python benchmarks/spins.py dispersion [--write]    spin waves beside their closed form
     python benchmarks/spins.py lattice [--write]       steps a second of a million spins, beside a copy of them
     python benchmarks/spins.py rivals [--write]        error against time, beside Spirit; spins-rivals.png
     python benchmarks/spins.py wall [--write]          a domain wall in a field, beside Walker; spins-wall.png
@@ -79,128 +78,14 @@ CONSERVATION = Table(
 )
 
 
-# ---- how far one step is from symplectic, and from preserving volumes, from its derivative by autodiff ----
-#
-# The form on the product of spheres is w(u, v) = sum S . (u x v) over tangent vectors. In a right-handed orthonormal
-# basis of the tangent plane of each spin its matrix is the canonical J. With M, the derivative of the step in such
-# bases at both ends, a symplectic step has M^T J M = J, and one that keeps volumes det M = 1.
-
-AREA_STEPS = 0.8, 0.4, 0.2, 0.1
-STARTS = 8
-HALVES = jnp.array([1.0, 0.5, 0.2]) / 2  # of the energy S . diag(1, .5, .2) S / 2
-ONE = "one spin"
-COUPLED = "four coupled spins"
-
-
-AREA_METHODS: tuple[str, ...] = (
-    "spherical midpoint",
-    "Lie midpoint of spins",
-    "SUBLATTICES[EA]",
-    "SUBLATTICES[SRKN6b]",
-    "SUBLATTICES[KL6]",
-)
-CASES = [*((ONE, method) for method in AREA_METHODS[:2]), *((COUPLED, method) for method in AREA_METHODS)]
-
-
-def _basis(spin: np.ndarray) -> np.ndarray:
-    columns = np.zeros((len(spin), 3, len(spin), 2))
-    for i, s in enumerate(spin):
-        u = np.cross(s, np.eye(3)[np.argmin(np.abs(s))])
-        u /= np.linalg.norm(u)
-        columns[i, :, i] = np.stack([u, np.cross(s, u)], axis=1)
-    return columns.reshape(3 * len(spin), 2 * len(spin))
-
-
-def defects(system: str, method: str) -> np.ndarray:
-    """For each step the largest entry of |M^T J M - J| and the largest |det M - 1| over some starts, (steps, 2).
-
-    NaN where an implicit method finds no solution from some start.
-    """
-    quadratic = ml.torques.FromPotential(lambda t, state: jnp.sum(HALVES * state.spin**2))
-    field = quadratic if system == ONE else ml.spins.Exchange(1.0, periodic=False)
-    body, shape = ml.spins.Spins(), () if system == ONE else (4,)
-
-    def end(spin: Any, dt: Any) -> Any:
-        start = ml.spins.SpinState.unchecked(spin=spin)
-        run = ml.integrate(method, body, field, start, dt=dt, steps=1, adjoint=ml.adjoints.Forward())
-        return run.states.spin[-1], (run.states.spin[-1], run.ok)
-
-    derivative = jax.jit(jax.jacfwd(end, has_aux=True))
-    found = np.zeros((len(AREA_STEPS), 2))
-    for seed in range(STARTS):
-        spin = random(shape, seed).spin
-        count = max(1, spin.size // 3)
-        canonical = np.kron(np.eye(count), np.array([[0, 1], [-1, 0]]))
-        for row, dt in zip(found, AREA_STEPS, strict=True):
-            matrix, (after, ok) = derivative(spin, jnp.asarray(dt))
-            if not bool(jnp.all(ok)):
-                row[:] = np.nan
-                continue
-            before, after = (np.asarray(x).reshape(count, 3) for x in (spin, after))
-            m = _basis(after).T @ np.asarray(matrix).reshape(3 * count, 3 * count) @ _basis(before)
-            own = np.abs(m.T @ canonical @ m - canonical).max(), abs(np.linalg.det(m) - 1)
-            row[:] = np.maximum(row, own)  # NaN stays
-    return found
-
-
-def _order(errors: np.ndarray) -> str:
-    return "rounding" if errors[-2:].max() < 1e-13 else f"{np.log2(errors[-2] / errors[-1]):.1f}"
-
-
-def area_rows(found: dict[tuple[str, str], np.ndarray]) -> Iterator[list[str]]:
-    for (system, method), errors in found.items():
-        for name, column in zip(("symplectic", "volume"), errors.T, strict=True):
-            if system == COUPLED or name == "symplectic":
-                cells = [f"{x:.1e}" if np.isfinite(x) else "no solution" for x in column]
-                yield [system, f"`{method}`", name, *cells, _order(column)]
-
-
-def _draw_area(found: dict[tuple[str, str], np.ndarray], out: Path) -> None:
-    colours = dict(zip(AREA_METHODS, (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
-
-    def lines(system: str) -> Iterator[Line]:
-        for (own, method), errors in found.items():
-            if own == system:
-                solved = np.isfinite(errors[:, 0])
-                x, y = np.asarray(AREA_STEPS)[solved][::-1], errors[solved, 0][::-1]
-                yield Line(method, x, y, colours[method], "o-", options={"markersize": 4})
-
-    def ticks(axes: Any) -> None:
-        axes.set_xticks(AREA_STEPS, [f"{h:g}" for h in AREA_STEPS])
-        axes.minorticks_off()
-
-    options: Any = {"xscale": "log", "yscale": "log", "xlim": (AREA_STEPS[-1] / 1.15, AREA_STEPS[0] * 1.15)}
-    words = "step [ħ/J]", "symplectic defect of one step [-]"
-    panels = [Panel(system, *words, list(lines(system)), options, ticks) for system in (ONE, COUPLED)]
-    title = "Only the spherical midpoint rule is symplectic"
-    chart(out, [panels], (9.6, 4.4), title, left=0.09, bottom=0.13, wspace=0.2)
-
-
-AREA = Table(
-    *(PAGE, "area", ("system", "method", "defect", *(f"h = {h:g}" for h in AREA_STEPS), "order in h")),
-    data="spins-area",
-    key=lambda row: row[0] != ONE and row[2] == "symplectic",
-    columns=(1, 5, 7),
-)
-
-
-def area(options: Any) -> None:
-    found = {case: defects(*case) for case in CASES}
-    if options.write:
-        _draw_area(found, REPORTS / "spins-area.png")
-    AREA.show(options.write, area_rows(found))
-
-
 # ---- spin waves of a Heisenberg ferromagnet: w(k) = 2 J sum over axes of (1 - cos k) ----
 #
-# Two measurements. `frequencies` are those of one step, linear about the ferromagnet: the eigenvalues of its
-# derivative. `peaks` are those of the spectrum of a run from weak white noise, as an experiment would see them.
+# The frequencies are those of one step, linear about the ferromagnet: the eigenvalues of its derivative.
 
 WAVE_METHODS = "SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "SUBLATTICES[KL6]", "spherical midpoint", "RK4", "GBS12"
 LATTICES = {"chain of 32": (32,), "square of 8 x 8": (8, 8)}
 GRID = 60  # steps that are tried
 ENOUGH = 1e-3  # relative error of a frequency
-NOISE = 1e-4
 EXCHANGE = 1.0
 
 
@@ -277,73 +162,6 @@ def step_rows() -> Iterator[list[str]]:
             ]
 
 
-class Peaks(NamedTuple):
-    """For each wave number k of a chain, from -pi to pi, the frequency of the highest peak of |S+(k, w)|^2."""
-
-    angles: np.ndarray
-    found: np.ndarray
-
-    @property
-    def errors(self) -> np.ndarray:
-        return np.abs(self.found - 2 * EXCHANGE * (1 - np.cos(self.angles)))
-
-
-SEEN = "SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]"
-WAVE_DT, WAVE_SPINS, WAVE_STEPS = 0.4, 64, 8192
-
-
-def peaks(method: str) -> Peaks:
-    """From weak white noise on the ferromagnetic chain; S+ = Sx + i Sy turns as exp(i w t)."""
-    across = NOISE * np.random.default_rng(0).normal(size=(WAVE_SPINS, 2))
-    spin = np.concatenate([across, np.sqrt(1 - np.sum(across**2, axis=1, keepdims=True))], axis=1)
-    start, field = ml.spins.SpinState(jnp.asarray(spin)), ml.spins.Exchange(EXCHANGE)
-    path = ml.integrate(method, ml.spins.Spins(), field, start, dt=WAVE_DT, steps=WAVE_STEPS)
-    assert bool(jnp.all(path.ok))
-    x, y, _ = np.moveaxis(np.asarray(path.states.spin[:-1]), -1, 0)
-    by_wave = np.fft.fftshift(np.fft.fft(x + 1j * y, axis=1), axes=1)
-    window = np.hanning(WAVE_STEPS + 1)[:-1, None]
-    size = np.abs(np.fft.fft(window * by_wave, axis=0))
-    frequencies = 2 * math.pi * np.fft.fftfreq(WAVE_STEPS, WAVE_DT)
-    angles = 2 * math.pi * np.fft.fftshift(np.fft.fftfreq(WAVE_SPINS))
-    return Peaks(angles, np.array([peak_of(frequencies, column) for column in size.T]))
-
-
-def peak_of(frequencies: np.ndarray, size: np.ndarray) -> float:
-    """Between the bins, for a window of Hann: d = (2 r - 1)/(r + 1) bins towards the larger neighbour, r its share."""
-    at = int(np.argmax(size))
-    before, after = size[at - 1], size[(at + 1) % len(size)]
-    ratio = max(before, after) / size[at]
-    shift = (2 * ratio - 1) / (1 + ratio) * (1 if after > before else -1)
-    return float(frequencies[at] + shift * (frequencies[1] - frequencies[0]))
-
-
-def peak_rows(found: dict[str, Peaks]) -> Iterator[list[str]]:
-    for method, seen in found.items():
-        errors = seen.errors
-        middle = len(errors) // 2
-        cells = errors.max(), errors[middle + middle // 4], errors[0]
-        yield [f"`{method}`", *(f"{x:.1e}" for x in cells)]
-
-
-def _draw_waves(found: dict[str, Peaks], out: Path) -> None:
-    k = np.linspace(0, math.pi, 200)
-    peaks, errors = [Line("2 J (1 - cos k)", k / math.pi, 2 * EXCHANGE * (1 - np.cos(k)), GREY)], list[Line]()
-    for method, colour, marker in zip(found, (BLUE, GREEN, ORANGE), "xso", strict=False):
-        seen, options = found[method], {"markersize": 4, "markerfacecolor": "none"}
-        half = seen.angles >= 0
-        x = np.append(seen.angles[half], math.pi) / math.pi
-        y, wrong = (np.append(values[half], values[0]) for values in (seen.found, seen.errors))
-        peaks.append(Line(method, x, y, colour, marker, options=options))
-        errors.append(Line(method, x[1:], np.maximum(wrong[1:], 1e-8), colour, marker, options=options))
-    across = "wave number [π / lattice constant]"
-    title = f"{SEEN[-1]}: at most {found[SEEN[-1]].errors.max():.1e}"
-    panels = [
-        Panel("Spin waves: peaks and theory", across, "frequency [J/ħ]", peaks),
-        Panel(title, across, "error of a peak [J/ħ]", errors, {"yscale": "log"}),
-    ]
-    chart(out, [panels], (11, 4.2), left=0.06, right=0.985, top=0.92, bottom=0.13, wspace=0.25)
-
-
 STEP_HEADS = (
     "method",
     "lattice",
@@ -356,19 +174,6 @@ LARGEST = Table(
     *(PAGE, "steps", STEP_HEADS, step_rows),
     *("spins-steps", lambda row: row[1] == "chain of 32", (0, 2, 4, 5)),
 )
-PEAKS = Table(
-    *(PAGE, "peaks", ("method", "largest error of a peak", "at k = π/4", "at k = π")),
-    data="spins-peaks",
-    columns=(0, 1),
-)
-
-
-def dispersion(options: Any) -> None:
-    found = {method: peaks(method) for method in SEEN}
-    if options.write:
-        _draw_waves(found, REPORTS / "spins-waves.png")
-    PEAKS.show(options.write, peak_rows(found))
-    LARGEST.show(options.write)
 
 
 # ---- the wall: its speed beside Walker's closed form ----
@@ -937,8 +742,7 @@ LATTICE = Table(
 
 PARTS = {
     "conservation": CONSERVATION,
-    "area": area,
-    "dispersion": dispersion,
+    "dispersion": LARGEST,
     "lattice": LATTICE,
     "rivals": measure,
     "wall": wall,
