@@ -199,8 +199,7 @@ def work(method: Method) -> Work:
 def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
     """The marks outside and inside of solves, which are `custom_root` calls; a mark in a loop counts for each turn.
 
-    In jax 0.10 such a call is a function with a custom derivative; in 0.12 it is a primitive that keeps its
-    parts in `_prim`.
+    In jax 0.12 such a call is a primitive that keeps its parts in `_prim`; before, a function with a custom derivative.
     """
     outside = inside = 0
     for equation in jaxpr.eqns:
@@ -325,23 +324,9 @@ class Bench:
         done("long run")
         drifted = drift(method)
         done("drift test")
-        return Measured(
-            method=method.name,
-            order=order,
-            accuracy=accuracy,
-            accuracy_p1=accuracy_p1,
-            symplectic=symplectic,
-            area=area,
-            momentum=momentum,
-            reversal=reversal,
-            energy=energy,
-            drift=drifted,
-            work=work(method),
-            solves=method.solves,
-            flights=method.scheme.flights if isinstance(method, Splitting) else 1,
-            steps=self.steps,
-            ok=all(ok) and drifted.ok,
-        )
+        flights = method.scheme.flights if isinstance(method, Splitting) else 1
+        figures = (order, accuracy, accuracy_p1, symplectic, area, momentum, reversal, energy, drifted, work(method))
+        return Measured(method.name, *figures, method.solves, flights, self.steps, all(ok) and drifted.ok)
 
     def chaos(self) -> str:
         """The sentence that shows that the motion of the tops is chaotic: how fast neighbours part."""
@@ -640,16 +625,8 @@ def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> 
             ("second order", f"order {found.order:.2f}", has_order(found, 2)),
             ("symplectic on T*SO(3)", f"defect {_defects(found.symplectic)}", is_symplectic(found)),
             ("preserves area on the momentum sphere", f"defect {_defects(found.area)}", keeps_area(found)),
-            (
-                "as of a symplectic method, no trend of the energy: top",
-                _trend_words(found),
-                has_no_trend(found),
-            ),
-            (
-                "as of a symplectic method, no trend of the energy: drift test",
-                _drift_words(found),
-                has_no_drift(found),
-            ),
+            ("as of a symplectic method, no trend of the energy: top", _trend_words(found), has_no_trend(found)),
+            ("as of a symplectic method, no trend of the energy: drift test", _drift_words(found), has_no_drift(found)),
         ]
         verdicts += [Verdict(found.method, claim, words, ok) for claim, words, ok in claims]
         for claim, kind in (

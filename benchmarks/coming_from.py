@@ -87,11 +87,7 @@ def changed(code: str, *changes: tuple[str, str]) -> str:
 
 
 def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
-    """The largest difference of a quantity between two programs.
-
-    Of attitudes, quaternions (w, x, y, z) in the last axis, the angle in radians between the two; of others the
-    difference relative to the largest value.
-    """
+    """The largest angle between attitudes (w, x, y, z), radians, or the difference relative to the largest value."""
     if theirs.shape != ours.shape:
         raise ValueError(f"{name} has the shape {theirs.shape} on the left and {ours.shape} on the right.")
     if name == "attitude":

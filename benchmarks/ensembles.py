@@ -9,6 +9,7 @@ all is compiled. `--write` puts the tables into docs/reports/speed.md.
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -83,18 +84,10 @@ def run_once(kind: str, bodies: int, steps: int, devices: int) -> None:
 def measured(kind: str, bodies: int, steps: int, devices: int) -> Cost:
     flags = f"--xla_force_host_platform_device_count={devices}"
     command = [sys.executable, __file__, "--run", kind, "--bodies", str(bodies), "--steps", str(steps)]
-    done = subprocess.run(
-        [*command, "--devices", str(devices)],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "XLA_FLAGS": flags},
-    )
+    command += ["--devices", str(devices)]
+    environment = os.environ | {"XLA_FLAGS": flags}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return Cost(*json.loads(done.stdout.splitlines()[-1]))
-
-
-def median(costs: list[Cost]) -> Cost:
-    return Cost(*(sorted(column)[len(column) // 2] for column in zip(*costs, strict=True)))
 
 
 HEADS = (
@@ -115,7 +108,7 @@ def million(options: Any) -> None:
         for kind in kinds:
             costs[kind].append(measured(kind[0], bodies, steps, kind[1]))
             print(*kind, costs[kind][-1], flush=True)
-    found = {kind: median(costs[kind]) for kind in kinds}
+    found = {kind: Cost(*map(statistics.median, zip(*costs[kind], strict=True))) for kind in kinds}
     bare = found["ensemble", 1]
     rows = [
         [

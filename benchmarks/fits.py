@@ -244,11 +244,7 @@ def words(values):
 
 
 def by_scipy(measured, start):
-    """The sum of squares that SciPy's trust region reaches around the same compiled model, and the seconds.
-
-    Its Jacobian is by differences, its unknowns are scaled by it, its tolerance is the default; start and spans of time
-    are the same.
-    """
+    """The sum of squares that SciPy's trust region reaches around the same compiled model, and the seconds."""
     layout = Layout(start)
 
     @jax.jit

@@ -547,10 +547,6 @@ BROWNIAN = Table(
     key=lambda row: row[1] in ("0.0625", "0.0005"),
 )
 
-PARTS = {
-    "dipole": dipole,
-    "cost": COST,
-    "brownian": BROWNIAN,
-}
+PARTS = {"dipole": dipole, "cost": COST, "brownian": BROWNIAN}
 if __name__ == "__main__":
     main(__doc__, PARTS)

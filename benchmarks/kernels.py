@@ -11,6 +11,7 @@ share, such as the counter of the loop. The bytes are those that the kernels of 
 """
 
 import importlib.util
+import math
 import os
 import re
 import sys
@@ -61,9 +62,6 @@ class Launches(NamedTuple):
     def times(self, factor: float) -> "Launches":
         return Launches(*(factor * x for x in self))
 
-    def plus(self, other: "Launches") -> "Launches":
-        return Launches(*(x + y for x, y in zip(self, other, strict=True)))
-
 
 class Compiled(NamedTuple):
     """A program for the card: steps in an iteration, launches of a step and bytes a body, seconds, code of kernels."""
@@ -84,10 +82,7 @@ def missing() -> str:
 def compiled(method: Method | str, dtype: str, *, cut: bool = True) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
-    Args:
-        method: the method, or its name.
-        cut: whether a long Runge-Kutta step is cut, as the package does; otherwise it is split as on a CPU, which
-            compiles to nothing on a GPU.
+    A long Runge-Kutta step is `cut`, as the package does, or split as on a CPU, which compiles to nothing on a GPU.
     """
     method = as_method(method)
     moments = jnp.array((5.0, 5.0, 1.0) if method.name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
@@ -98,8 +93,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True) -> Compiled:
         start = ml.RigidState(momentum, attitude)
         steps = ITERATIONS * turn
         run = {"dt": 0.02, "steps": steps, "save_every": steps}
-        with mock.patch.object(type(method), "unroll", turn):
-            return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
+        return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
@@ -167,16 +161,16 @@ def _loop_over_steps(computations) -> Launches:
 
 
 def _launches(computations, name: str) -> Launches:
-    total, shapes = Launches(0, 0, 0), {}
+    total, shapes = [Launches(0, 0, 0)], {}
     for result, shape, operation, rest in computations[name]:
         shapes[result] = shape
         if operation == "while":
-            total = total.plus(_launches(computations, _body(rest)).times(_turns(rest)))
+            total.append(_launches(computations, _body(rest)).times(_turns(rest)))
         elif operation not in _NO_KERNEL:
             operands = re.findall(r"%([\w.\-]+)", rest.split("),")[0])
             size = _size(shape) + sum(_size(shapes.get(operand, "")) for operand in operands)
-            total = total.plus(Launches(1, 0, size) if size >= BATCH else Launches(0, 1, 0))
-    return total
+            total.append(Launches(1, 0, size) if size >= BATCH else Launches(0, 1, 0))
+    return Launches(*map(sum, zip(*total, strict=True)))
 
 
 def _body(rest: str) -> str:
@@ -189,13 +183,8 @@ def _turns(rest: str) -> int:
 
 
 def _size(shape: str) -> int:
-    total = 0
-    for kind, dimensions in re.findall(r"(\w+)\[([\d,]*)\]", shape):
-        entries = 1
-        for dimension in filter(None, dimensions.split(",")):
-            entries *= int(dimension)
-        total += entries * _BYTES[kind]
-    return total
+    arrays = re.findall(r"(\w+)\[([\d,]*)\]", shape)
+    return sum(_BYTES[kind] * math.prod(map(int, filter(None, sizes.split(",")))) for kind, sizes in arrays)
 
 
 def rows() -> Iterator[list[str]]:

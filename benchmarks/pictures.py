@@ -304,12 +304,7 @@ SCATTER = Table("scatter.md", "tops", SCATTER_HEADS)
 
 
 class Outcome(NamedTuple):
-    """Attributes:
-    times: (n,), seconds.
-    tilt: of the axis from upright, (bodies, n), degrees; NaN from where a top failed.
-    below: share of the drawn tops below the limit.
-    energy_error: the largest, relative to the energy at the start.
-    """
+    """Times (n,), tilts from upright (bodies, n) in degrees (NaN once a top failed), share of tops below the limit."""
 
     times: np.ndarray
     tilt: np.ndarray

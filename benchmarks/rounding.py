@@ -324,24 +324,20 @@ def satellite(eccentricity, orbits=5.3):
     return body, torque, start, ml.densities.OrbitalDistance(orbit, jnp.array(1.0)), float(orbits)
 
 
-def bruls_cardona(density):
+def bruls_cardona():
     scene = scenes.scene("bruls-cardona")
-    return scene.body, scene.torque, scene.start, density(scene), scene.duration
-
-
-def by_torque(scene):
-    return ml.densities.TorqueSize(scene.torque, jnp.array(147.15), jnp.array(14.715))
+    density = ml.densities.TorqueSize(scene.torque, jnp.array(147.15), jnp.array(14.715))
+    return scene.body, scene.torque, scene.start, density, scene.duration
 
 
 def constant_density(t, state):
-    del state
     return jnp.ones_like(t)
 
 
 MOTIONS = {
     "satellite, eccentricity .6": (satellite(0.6), (200, 800)),
     "satellite, eccentricity .8": (satellite(0.8), (800, 3200)),
-    "bruls-cardona, by torque": (bruls_cardona(by_torque), (800, 3200)),
+    "bruls-cardona, by torque": (bruls_cardona(), (800, 3200)),
 }
 
 

@@ -55,12 +55,7 @@ class NeoHookean(eqx.Module):
     determinant: Callable[[Array], Array] = eqx.field(static=True)
 
     def __init__(
-        self,
-        nodes: Array,
-        corners: Any,
-        mu: Any,
-        lame: Any,
-        determinant: Callable[[Array], Array] = triple_product,
+        self, nodes: Array, corners: Any, mu: Any, lame: Any, determinant: Callable[[Array], Array] = triple_product
     ):
         self.determinant = determinant
         self.corners = jnp.asarray(corners)

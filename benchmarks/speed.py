@@ -238,10 +238,7 @@ def solve(start):
 
 
 CALLS: dict[str, tuple[Any, Callable[[Any], Any]]] = {
-    "`ml.integrate`": (
-        ONE,
-        lambda x: ml.integrate("SYMMETRIC[EA]", P1.body, P1.torque, x, save_every=None, **RUN),
-    ),
+    "`ml.integrate`": (ONE, lambda x: ml.integrate("SYMMETRIC[EA]", P1.body, P1.torque, x, save_every=None, **RUN)),
     "`ml.integrate` in `jax.vmap`, 64 bodies": (
         MANY,
         jax.vmap(lambda x: ml.integrate("SYMMETRIC[EA]", P1.body, P1.torque, x, save_every=None, **RUN)),
@@ -581,12 +578,7 @@ def is_short(row: list[str]) -> bool:
 
 OVER = "relative to `RigidState`"
 KINDS = Table(
-    *(
-        "reports/speed.md",
-        "kinds",
-        ("method", "state", "float64, ns", OVER, "float32, ns", OVER),
-        rows,
-    ),
+    *(PAGE, "kinds", ("method", "state", "float64, ns", OVER, "float32, ns", OVER), rows),
     *("kinds-of-state", is_short, range(4)),
 )
 # ---- value and gradient over value, first calls and memory ----

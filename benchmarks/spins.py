@@ -171,8 +171,7 @@ STEP_HEADS = (
     "size of a wave - 1",
 )
 LARGEST = Table(
-    *(PAGE, "steps", STEP_HEADS, step_rows),
-    *("spins-steps", lambda row: row[1] == "chain of 32", (0, 2, 4, 5)),
+    *(PAGE, "steps", STEP_HEADS, step_rows), *("spins-steps", lambda row: row[1] == "chain of 32", (0, 2, 4, 5))
 )
 
 

@@ -240,11 +240,7 @@ class Band(NamedTuple):
 
 
 # From the widest to the narrowest, drawn in this order: where frontiers coincide, each is seen beside the next.
-BANDS = {
-    "general": Band(BLUE, 11.0, 0.4),
-    "conserving": Band(GREEN, 6.0, 1.0),
-    "symplectic": Band(BLACK, 2.4, 1.0),
-}
+BANDS = {"general": Band(BLUE, 11.0, 0.4), "conserving": Band(GREEN, 6.0, 1.0), "symplectic": Band(BLACK, 2.4, 1.0)}
 
 
 LEGEND = "Bold: the fastest methods of midlie_jax in three families. Hollow: other programs."

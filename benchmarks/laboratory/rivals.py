@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+import midlie_jax as ml
 from midlie_jax._math import components as cp
 from midlie_jax._math.short_series import LARGEST_SQUARE, half_turn
 from midlie_jax._xla.compiler import compiler_options, vector_width_options
@@ -30,18 +31,9 @@ from midlie_jax.cli import chosen, scenes
 from midlie_jax.cli.convergence import SOURCE, exact_ends
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.drivers.chunks import chunk_size
-from midlie_jax.drivers.free_motion import free_motion
 from midlie_jax.integrators.base import Method
 from midlie_jax.integrators.system import AnyMotion, Motion, System
-from midlie_jax.model import so3, torques
-from midlie_jax.model.bodies import RigidBody
-from midlie_jax.model.free_body import FreeBody
-from midlie_jax.model.orbits import KeplerOrbit
-from midlie_jax.model.rotor import SymmetricRotor
 from midlie_jax.model.state import AnyState
-from midlie_jax.model.states import AxisState, FreeState, RigidState
-from midlie_jax.model.torques import HeavyTop, PointMass
-from midlie_jax.spacecraft.gravity_gradient import GravityGradient
 
 # ---- the scenes: those of the package, and a few whose state is of another kind ----
 
@@ -58,9 +50,9 @@ def _orbit() -> Scene:
     return SceneOfAnyKind(
         name="orbit",
         title="asymmetric body in the gravity of a point mass, two orbits",
-        body=FreeBody(RigidBody(moments), mass),
-        torque=PointMass(1.0),
-        start=FreeState(
+        body=ml.FreeBody(ml.RigidBody(moments), mass),
+        torque=ml.torques.PointMass(1.0),
+        start=ml.FreeState(
             momentum=moments * jnp.array([0.5, 0.8, 4.0]),
             attitude=attitude / np.linalg.norm(attitude),
             linear=mass * np.array([0.0, 1.1, 0.0]),
@@ -79,9 +71,9 @@ def _axis() -> Scene:
     return SceneOfAnyKind(
         name="axis",
         title="the axis of the fast heavy top P1, tilted by 0.3 rad, without its spin angle",
-        body=SymmetricRotor(whole.body.moments[0], whole.body.moments[2]),
+        body=ml.SymmetricRotor(whole.body.moments[0], whole.body.moments[2]),
         torque=whole.torque,
-        start=AxisState.of(whole.start),
+        start=ml.AxisState.of(whole.start),
         dt=whole.dt,
         duration=whole.duration,
         source=whole.source,
@@ -95,7 +87,7 @@ OWN: dict[Any, Callable[[], Scene]] = {"orbit": _orbit, "axis": _axis}
 def scene(which: str | Scene) -> Scene:
     """The scene, or that of this name, of `OWN` or of the package; with the axis of symmetry as third axis."""
     found = OWN[which]() if which in OWN else chosen.scene(which, jnp.float64)
-    return axis_third(found) if isinstance(found.body, RigidBody) else found
+    return axis_third(found) if isinstance(found.body, ml.RigidBody) else found
 
 
 def perturbed(start: Any, count: int, size: float) -> Any:
@@ -119,7 +111,7 @@ def axis_third(scene: Scene) -> Scene:
     If there are several, it is the axis of the torque, otherwise the last. Without one the scene is unchanged.
     """
     moments, torque = np.asarray(scene.body.moments), scene.torque
-    own = torque.axis if isinstance(torque, HeavyTop) else (0.0, 0.0, 0.0)
+    own = torque.axis if isinstance(torque, ml.torques.HeavyTop) else (0.0, 0.0, 0.0)
     axes = [k for k in range(3) if moments[(k + 1) % 3] == moments[(k + 2) % 3]]
     return renumbered(scene, max(axes, key=lambda k: (abs(own[k]), k), default=2))
 
@@ -127,19 +119,19 @@ def axis_third(scene: Scene) -> Scene:
 def renumbered(scene: Scene, third: int) -> Scene:
     """The scene with this axis of the body as third, by a cyclic change; unchanged if its torque does not allow it."""
     order, torque = ((third + 1) % 3, (third + 2) % 3, third), scene.torque
-    if third == 2 or not (torque is None or isinstance(torque, HeavyTop | GravityGradient)):
+    if third == 2 or not (torque is None or isinstance(torque, ml.torques.HeavyTop | ml.spacecraft.GravityGradient)):
         return scene
     pick = jnp.array(order)
     moments = scene.body.moments[pick]
-    if isinstance(torque, HeavyTop):
+    if isinstance(torque, ml.torques.HeavyTop):
         a, b, c = (torque.axis[i] for i in order)
-        torque = HeavyTop(torque.mgl, (a, b, c))
+        torque = ml.torques.HeavyTop(torque.mgl, (a, b, c))
     elif torque is not None:
-        torque = GravityGradient(moments, torque.orbit, torque.mu)
+        torque = ml.spacecraft.GravityGradient(moments, torque.orbit, torque.mu)
     momentum, attitude = scene.start.momentum, scene.start.attitude
     turn = jnp.array([(0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5)][third], attitude.dtype)  # from new axes to old
-    start = type(scene.start)(momentum[pick], so3.multiply(attitude, turn))
-    return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
+    start = type(scene.start)(momentum[pick], ml.so3.multiply(attitude, turn))
+    return replace(scene, body=ml.RigidBody(moments), torque=torque, start=start, axes=None)
 
 
 # ---- a kind of state: its equations of motion on numbers, and the error of its end ----
@@ -230,7 +222,7 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
     field = scene.torque
     if field is None:
         return lambda q, place: (None, None, None)
-    if isinstance(field, torques.HeavyTop) and field.axis == (0.0, 0.0, 1.0):
+    if isinstance(field, ml.torques.HeavyTop) and field.axis == (0.0, 0.0, 1.0):
         weight = float(field.mgl)
 
         def heavy_top(q: Any, place: Vector | None) -> tuple[Any, Any, Any]:
@@ -239,7 +231,7 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
             return weight * (2 * (y * z + w * x)), weight * (-2 * (x * z - w * y)), None
 
         return heavy_top
-    if isinstance(field, GravityGradient) and isinstance(field.orbit, KeplerOrbit):
+    if isinstance(field, ml.spacecraft.GravityGradient) and isinstance(field.orbit, ml.orbits.KeplerOrbit):
         a, b, c = np.asarray(scene.body.moments).tolist()
         strength = 3 * _rate(field.orbit) ** 2
 
@@ -260,35 +252,35 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
     )
 
 
-def orbit_of(scene: Scene) -> KeplerOrbit | None:
-    orbit = scene.torque.orbit if isinstance(scene.torque, GravityGradient) else None
-    return orbit if isinstance(orbit, KeplerOrbit) else None
+def orbit_of(scene: Scene) -> ml.orbits.KeplerOrbit | None:
+    orbit = scene.torque.orbit if isinstance(scene.torque, ml.spacecraft.GravityGradient) else None
+    return orbit if isinstance(orbit, ml.orbits.KeplerOrbit) else None
 
 
-def radius(orbit: KeplerOrbit) -> float:
+def radius(orbit: ml.orbits.KeplerOrbit) -> float:
     """The distance at time 0, the unit of length of an orbit: adaptive steps need numbers of similar size."""
     return float(np.linalg.norm(np.asarray(orbit.position)))
 
 
-def _rate(orbit: KeplerOrbit) -> float:
+def _rate(orbit: ml.orbits.KeplerOrbit) -> float:
     """The angular rate of a circular orbit through the start; its inverse is the unit of time of orbital velocities."""
     return math.sqrt(float(orbit.mu) / radius(orbit) ** 3)
 
 
-def orbit_start(orbit: KeplerOrbit) -> np.ndarray:
+def orbit_start(orbit: ml.orbits.KeplerOrbit) -> np.ndarray:
     """Position and velocity at time 0 in these units, (6,), for a program that also integrates the orbit."""
     size, rate = radius(orbit), _rate(orbit)
     return np.concatenate([np.asarray(orbit.position) / size, np.asarray(orbit.velocity) / (size * rate)])
 
 
-def orbit_rates(orbit: KeplerOrbit, state: Any) -> tuple[Any, ...]:
+def orbit_rates(orbit: ml.orbits.KeplerOrbit, state: Any) -> tuple[Any, ...]:
     """d/dt of position and velocity, in the units of `orbit_start`, on scalars."""
     r, v, rate = state[:3], state[3:], _rate(orbit)
     pull = -rate * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) ** -1.5
     return (*(rate * x for x in v), *(pull * x for x in r))
 
 
-def kepler(orbit: KeplerOrbit) -> Callable[[float], Vector]:
+def kepler(orbit: ml.orbits.KeplerOrbit) -> Callable[[float], Vector]:
     """The position on the orbit, in units of `radius`, as a function of time, on floats; formulas of `KeplerOrbit`."""
     r, v, mu = np.asarray(orbit.position), np.asarray(orbit.velocity), float(orbit.mu)
     size = radius(orbit)
@@ -318,7 +310,7 @@ def rigid_errors(ends: np.ndarray, rigid_exact: np.ndarray) -> np.ndarray:
 
 
 def rigid_exact(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str] | None:
-    starts = [RigidState(state[:3], state[3:]) for state in states]
+    starts = [ml.RigidState(state[:3], state[3:]) for state in states]
     ends = exact_ends(np.asarray(scene.body.moments), scene.torque, starts, scene.duration)
     return None if ends is None else (np.concatenate(ends, axis=1), SOURCE)
 
@@ -332,7 +324,7 @@ RIGID = Kind(rates, rigid_errors, "the attitude, |R - R*| in the Frobenius norm"
 
 
 def axis_rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
-    if not (isinstance(scene.torque, torques.HeavyTop) and scene.torque.axis == (0.0, 0.0, 1.0)):
+    if not (isinstance(scene.torque, ml.torques.HeavyTop) and scene.torque.axis == (0.0, 0.0, 1.0)):
         raise ValueError(f"scene {scene.name!r} is an axis, for which the rivals have the torque HeavyTop alone.")
     body: Any = scene.body
     moment, weight = float(body.moment), float(scene.torque.mgl)
@@ -374,7 +366,7 @@ SPINNING = Kind(rates, errors_of_attitudes, _MEASURED, no_closed_form)
 
 
 def free_rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
-    if not isinstance(scene.torque, torques.PointMass):
+    if not isinstance(scene.torque, ml.torques.PointMass):
         raise ValueError(f"scene {scene.name!r} travels, for which the rivals have the force PointMass alone.")
     body: Any = scene.body
     moments, mass, mu = np.asarray(body.body.moments).tolist(), float(body.mass), float(scene.torque.mu)
@@ -416,7 +408,7 @@ FREE = Kind(free_rates, free_errors, "attitude (rad) or position (over r), the l
 
 
 def kind_of(scene: Scene) -> Kind:
-    return {RigidState: RIGID, AxisState: AXIS, FreeState: FREE}[type(scene.start)]
+    return {ml.RigidState: RIGID, ml.AxisState: AXIS, ml.FreeState: FREE}[type(scene.start)]
 
 
 def numbers(states: Any) -> np.ndarray:
@@ -550,13 +542,13 @@ def exact_point(case: Problem) -> Iterator[Point]:
     """The one point of `free_motion` on a problem without torque, compiled like `Program`."""
     times = jnp.asarray([case.scene.duration])
 
-    def end(start: RigidState) -> tuple[RigidState, Array]:
-        path = free_motion(case.scene.body, start, times)
+    def end(start: ml.RigidState) -> tuple[ml.RigidState, Array]:
+        path = ml.free_motion(case.scene.body, start, times)
         return jax.tree.map(lambda leaf: leaf[0], path.states), path.ok
 
     program = jax.jit(jax.vmap(end)).lower(case.starts).compile(compiler_options=compiler_options(case.bodies))
 
-    def run() -> tuple[RigidState, Array]:
+    def run() -> tuple[ml.RigidState, Array]:
         return [jax.block_until_ready(program(case.starts)) for _ in range(_EVALUATIONS)][-1]
 
     run()  # the first call takes longer than the others and must not be timed
@@ -579,7 +571,7 @@ class _OnTheGroup(Method):
     symmetric: bool = eqx.field(static=True, default=False)
     symplectic: bool = eqx.field(static=True, default=False)
     keeps_momentum: bool = eqx.field(static=True, default=True)
-    bodies: type = eqx.field(static=True, default=RigidBody)
+    bodies: type = eqx.field(static=True, default=ml.RigidBody)
     evaluations: int = eqx.field(static=True, default=4)
 
     def keeps_force(self, system: System) -> bool:
@@ -801,7 +793,7 @@ def measure_mujoco(problem: Problem, integrator: str, name: str, evaluations: in
     rollout = program("mujoco.rollout")
 
     scene = problem.scene
-    if not isinstance(problem.starts, RigidState) or not isinstance(scene.torque, torques.HeavyTop | None):
+    if not isinstance(problem.starts, ml.RigidState) or not isinstance(scene.torque, ml.torques.HeavyTop | None):
         return
     mj_model = model(scene, integrator)
     moments = np.asarray(scene.body.moments)
@@ -975,14 +967,14 @@ def whole(problem: Problem) -> Problem:
     moments = jnp.stack([rotor.moment, rotor.moment, rotor.known_along])
     start = scene.start.with_attitude()
     as_body = Scene(
-        *(scene.name, scene.title, RigidBody(moments), scene.torque, start),
+        *(scene.name, scene.title, ml.RigidBody(moments), scene.torque, start),
         *(scene.dt, scene.duration, scene.source, scene.units),
     )
     return problem._replace(scene=as_body, kind=SPINNING, starts=starts.with_attitude())
 
 
 def measure_spinning(problem: Problem) -> Iterator[Point]:
-    if isinstance(problem.scene.body, SymmetricRotor):
+    if isinstance(problem.scene.body, ml.SymmetricRotor):
         yield from measure(whole(problem), label=LABEL)
 
 
