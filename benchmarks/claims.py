@@ -644,12 +644,12 @@ def published_verdicts(all_found: Sequence[Measured]) -> list[Verdict]:
         if found.method in PUBLISHED_DRIFTS:
             first, last = PUBLISHED_DRIFTS[found.method]
             drift = found.drift
-            words = f"{mean[0]:.2e} -> {mean[-1]:.2e}"
-            if together < len(mean) - 1:
-                words += f" ± {spread[-1]:.0e}; the copies agree up to eighth {together + 1}, "
-                words += f"{mean[together]:.2e}"
+            words = f"{drift.mean[0]:.2e} -> {drift.mean[-1]:.2e}"
+            if drift.together < len(drift.mean) - 1:
+                words += f" ± {drift.spread[-1]:.0e}; the copies agree up to eighth {drift.together + 1}, "
+                words += f"{drift.mean[drift.together]:.2e}"
             claim, holds = f"drift {first:.2e} -> {last:.2e}", is_published_drift(drift, first, last)
-            append(Verdict(found.method, claim, words, holds))
+            verdicts.append(Verdict(found.method, claim, words, holds))
     return verdicts
 
 

@@ -360,7 +360,7 @@ _REPLICAS = "shifts = 0.05 * jax.random.normal(jax.random.key(1), (100, N, 3))\n
 _THEIR_REPLICAS = f"""
 {_REPLICAS}
 def begun(shift):
-    moved = rigid_body.RigidBody(corners + shift, orientation)
+    moved = rigid_body.RigidBody(corners + shift, bodies.orientation)
     return init(jax.random.key(0), moved, 0.0, mass=shape.mass())
 
 states, many = jax.vmap(begun)(shifts), jax.jit(jax.vmap(run))
@@ -511,7 +511,7 @@ _BEST = """
 from Basilisk.simulation import svIntegrators
 best = svIntegrators.svIntegratorRKF78(craft)
 best.relTol = best.absTol = 1e-11
-setIntegrator(best)
+craft.setIntegrator(best)
 """
 # More craft alike in the same simulation.
 _MORE = f"""
@@ -519,7 +519,7 @@ others = []
 for i in range({_IN_ONE_SIMULATION} - 1):
     other = spacecraft.Spacecraft()
     for name in ("mHub", "IHubPntBc_B", "r_CN_NInit", "v_CN_NInit", "sigma_BNInit", "omega_BN_BInit"):
-        setattr(other.hub, name, getattr(hub, name))
+        setattr(other.hub, name, getattr(craft.hub, name))
     gravity.addBodiesTo(other)
     pull = GravityGradientEffector.GravityGradientEffector()
     pull.addPlanetName(earth.planetName)

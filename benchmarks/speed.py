@@ -578,7 +578,7 @@ def is_short(row: list[str]) -> bool:
 
 OVER = "relative to `RigidState`"
 KINDS = Table(
-    *(PAGE, "kinds", ("method", "state", "float64, ns", OVER, "float32, ns", OVER), rows),
+    *(PAGE, "kinds", ("method", "state", "float64, ns", OVER, "float32, ns", OVER), kind_rows),
     *("kinds-of-state", is_short, range(4)),
 )
 # ---- value and gradient over value, first calls and memory ----
