@@ -676,7 +676,7 @@ TABLE = Table(
 def measure(options: Any) -> None:
     found = measured()
     if options.write:
-        draw(found, REPORTS / "spins-png")
+        draw(found, REPORTS / "spins-rivals.png")
     TABLE.show(options.write, rows(found))
 
 
