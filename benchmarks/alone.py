@@ -2,8 +2,7 @@
 
 The last paragraph of a program, after its last empty line, is the run; what stands before it is done once. Times are
 processor times, with those of programs that it starts. The first run is the whole program without its imports (what
-stands before its last import) and without the start of JAX; whatever a program compiles is in it. The process has the
-cores of the one that starts it.
+stands before its last import) and without the start of JAX; whatever a program compiles is in it.
 """
 
 import ast

@@ -67,7 +67,6 @@ def canonical(momentum: Any) -> np.ndarray:
 
 
 def neighbours(momentum: Any, attitude: Any) -> ml.RigidState:
-    """The states (49,) whose steps give the derivative at a state: the state, then a stencil for each direction."""
     changes = [np.zeros(6), *(_DELTA * place * axis for axis in np.eye(6) for place in _PLACES)]
     turns, pushes = np.split(np.array(changes), 2, axis=1)
     start = jnp.broadcast_to(jnp.asarray(attitude, float), (len(turns), 4))
@@ -249,8 +248,7 @@ class Measured(NamedTuple):
     """What was measured of one method.
 
     Attributes:
-        order: the slope of the error over the step, on the tops; NaN if no two errors show it.
-        accuracy: the error on the tops with h = 1/32, relative in the momentum and in radians, root mean square.
+        order, accuracy: on the tops, the slope of the error over the step, and the error with h = 1/32, as `_error`.
         accuracy_p1: the same on P1 at T = 10 with h = .005.
         symplectic, area: the defects of one step of the top, and of one free step, for `DEFECT_STEPS`.
         momentum: largest change of the spatial momentum of the free bodies over the long run, relative.
@@ -309,7 +307,6 @@ class Bench:
         self._p1_end = ml.RigidState(jnp.asarray(momenta), jnp.asarray(attitudes))
 
     def measure(self, method: str | Method, done: Callable[[str], None] = lambda part: None) -> Measured:
-        """Everything about one method; `done` is called with the name of each finished part."""
         (method,) = chosen.methods([method])
         equal = isinstance(method, Splitting) and method.flight.equal_moments
         runs = _Runs(method, equal)
@@ -329,7 +326,6 @@ class Bench:
         return Measured(method.name, *figures, method.solves, flights, self.steps, all(ok) and drifted.ok)
 
     def chaos(self) -> str:
-        """The sentence that shows that the motion of the tops is chaotic: how fast neighbours part."""
         parted = []
         for time in _PARTING:
             ends = _reference(False).run(1 / 32, round(32 * time))[0]
@@ -489,7 +485,6 @@ def rounding(found: Measured) -> float:
 
 
 def has_order(found: Measured, order: int) -> bool:
-    """Whether the order is `order` at least; the slope of a high order at large steps may exceed it."""
     return found.order > order - _ORDER
 
 
@@ -530,7 +525,6 @@ def trend(found: Measured) -> tuple[float, float]:
 
 
 def has_no_trend(found: Measured) -> bool:
-    """Whether the mean energy error of the tops stays within a part of its oscillation, or within rounding."""
     shift, oscillation = trend(found)
     return shift <= max(_TREND * oscillation, rounding(found))
 
@@ -664,7 +658,6 @@ def _drift_words(found: Measured) -> str:
 
 
 def _defects(defects: Sequence[float]) -> str:
-    """The defect at the smallest step, with its order in the step if it is not rounding."""
     if max(defects) <= _DEFECT:
         return f"{defects[-1]:.0e}"
     order = f", order {np.log2(defects[-2] / defects[-1]):.1f}" if defects[-1] > _DEFECT else ""

@@ -32,14 +32,8 @@ _BLOCK = re.compile(r"^```(py|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 class Page(NamedTuple):
     """A page, which shows the same run in another program and in this one.
 
-    Attributes:
-        title: the program, as the page and its tables call it.
-        needs: the packages that the left column imports; a name in capitals is that of an environment variable which
-            says in which folder a program stands.
-        within: the largest difference between the quantities of the two columns that the page allows.
-        heads: the programs at the head of the left columns, where a page has several.
-        further: as `within`, of the last of several tables.
-        quantities: what both columns end with.
+    The left column `needs` these packages; a name in capitals is an environment variable with the folder of a program.
+    The quantities with which both end differ by `within` at most, in the last of several tables by `further`.
     """
 
     title: str
@@ -377,7 +371,6 @@ sites = jax.jit(ml.molecules.sites)(path.states, places)
 
 
 def programs() -> list[tuple[str, str]]:
-    """The left and the right program of each table; the right one of LAMMPS continues that of jax-md."""
     left, right = columns("molecular-dynamics")
     lammps, later = tables("molecular-dynamics")[1]
     return [(left, right), (lammps, parts(right)[0] + later)]
@@ -483,7 +476,6 @@ def _at_equal_error(left: str, right: str, degree: int) -> Iterator[Row]:
 
 
 def _runge_kutta(left: str, degree: int) -> str:
-    """The left column with RK 7(8) and another degree, without the tables that GUBAS's scripts write."""
     settings = left.partition("\nsubprocess.run")[0]
     changes = (
         ('Truncation Order": 2', f'Truncation Order": {degree}'),

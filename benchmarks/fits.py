@@ -100,7 +100,6 @@ def fitted_brick() -> Any:
 
 
 def satellite(values: Any) -> Any:
-    """On the published orbit from the published attitude; the rates at the start are a parameter or the published."""
     scene: Any = scenes.scene("gravity-gradient")
     body = ml.RigidBody(values["moments"])
     torque = ml.spacecraft.GravityGradient(None, scene.torque.orbit, scene.torque.mu)
@@ -184,7 +183,6 @@ OPTIONS = {"dt": DT, "absolute_sigma": True, "first_span": 10.0}
 
 
 def observer(t):
-    """The direction of the Earth, which goes from 23 to 52 degrees from that of the Sun."""
     angle = 0.4 + 0.5 * t / HOURS
     return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
 

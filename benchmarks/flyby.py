@@ -3,8 +3,7 @@
     python benchmarks/flyby.py [--write]
 
 1,000 random phases of the tumbling in one call, from two days before the perigee to two days after. Errors are the
-largest angle between the attitude at the end and that by 9,216 steps, among the bodies compared. Times are
-processor times on one core. `--write` puts the tables into the page.
+largest angle between the attitude at the end and that by 9,216 steps. Times are processor times on one core.
 """
 
 import math

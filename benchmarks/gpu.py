@@ -129,7 +129,6 @@ def difference(job: Job, starts: ml.RigidState, momentum) -> float:
 
 
 def attempted(measure: Callable[..., Figure], job: Job, *others: Any) -> Iterator[Figure]:
-    """The figure, or none: one program that fails must not cost the figures of the others."""
     try:
         yield measure(job, *others)
     except Exception as error:
@@ -163,7 +162,6 @@ def kernels(method: str, dtype: str) -> list[Path]:
 
 
 def by_hand(job: Job) -> Figure:
-    """The one kernel of `limit.cu` for all steps, in the faster of its two forms."""
     runs = [limit.measured(program, job.bodies, job.steps) for program in kernels(job.method, job.dtype)]
     cost, momentum = min(runs)
     start = jax.tree.map(lambda x: x[None], scene_of(job).start)

@@ -75,7 +75,6 @@ def row_of(cells: Iterable[str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """The lines of a table in Markdown, as pages have them."""
     return [compact(row_of(row)) for row in (heads, ["---"] * len(heads), *rows)]
 
 
@@ -89,7 +88,6 @@ def shown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def cells(line: str) -> list[str]:
-    """The cells of a line of a table."""
     return [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
 
 
@@ -111,7 +109,6 @@ def save(name: str, lines: Iterable[str], folder: Path = DATA) -> None:
 
 
 def saved(name: str, folder: Path = DATA) -> list[dict[str, str]]:
-    """The rows of a data file, by the heads of its columns."""
     with (folder / f"{name}.csv").open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -125,7 +122,6 @@ def by_scene(name: str) -> dict[str, list[dict[str, str]]]:
 
 
 def link(*names: str) -> str:
-    """The line of a page that leads to whole tables."""
     return f"Data: {', '.join(f'[{name}.csv](tables/{name}.csv)' for name in names)}."
 
 
@@ -187,7 +183,6 @@ class Compiled(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """Bytes that it needs besides arguments and results."""
         return self.program.memory_analysis().temp_size_in_bytes
 
 
@@ -286,7 +281,6 @@ class Served:
 
 
 def requests() -> Iterator[tuple[str, ...]]:
-    """The words of each request, in the process that serves."""
     return (tuple(line.rstrip("\n").split("\t")) for line in sys.stdin)
 
 

@@ -83,7 +83,6 @@ def thermal(key: Array, x: Any, dtype: Any = jnp.float32) -> ml.RigidState:
 
 
 def observed(t: Array, state: ml.RigidState) -> Array:
-    """cos(theta), and the kinetic temperature."""
     del t
     return jnp.stack(of_parts(state.momentum, state.attitude))
 
@@ -104,7 +103,6 @@ Run = Callable[[Array, Any, Any], Array]  # from a key, the field and the step t
 
 
 def ours(method: str, share: float, dtype: Any = jnp.float32) -> Run:
-    """Runs of all bodies, compiled once for all fields."""
     every, skipped, counted = plan(share)
 
     def run(key: Array, x: Array, h: Array) -> Array:

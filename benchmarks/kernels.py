@@ -73,7 +73,6 @@ class Compiled(NamedTuple):
 
 
 def missing() -> str:
-    """Why nothing can be compiled for a GPU here; "" if it can."""
     if any(importlib.util.find_spec(f"jax_cuda{version}_plugin") for version in (12, 13)):
         return ""
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."

@@ -130,7 +130,6 @@ def _horner(table: Any, variables: tuple[str, ...]) -> str:
 
 @cache
 def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
-    """The path of the compiled program; if compiling fails, a RuntimeError with the compiler's message."""
     names = {
         "METHOD": method,
         "VECTORS": form.vectors,
@@ -159,7 +158,6 @@ def _compiled(command: list[str], folder: Path) -> Path:
 
 @cache
 def built_for_gpu(method: str, dtype: str, rough: bool) -> Path:
-    """The path of `limit.cu` compiled by nvcc for the GPU of this machine; `rough`: with inexact roots."""
     folder = _sources(dtype)
     options = ["-O3", "-arch=native", "-std=c++20", f"-DMETHOD={method}", *(["--use_fast_math"] if rough else [])]
     return _compiled(["nvcc", *options, "-o", "limit", "limit.cu"], folder)

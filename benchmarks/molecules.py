@@ -174,7 +174,6 @@ class Waters:
         return CALORIE * self.program.get_thermo("etotal")
 
     def places(self) -> np.ndarray:
-        """The sites (N, a, 3) in nm, where they would be without a period."""
         atoms = self.program.numpy
         order = np.argsort(atoms.extract_atom("id")[: self.program.extract_setting("nlocal")])
         image = atoms.extract_atom("image")[order]
@@ -261,7 +260,6 @@ class Dimer:
         self.integrator.step(steps)
 
     def places(self) -> np.ndarray:
-        """The sites (2, 3, 3) in nm."""
         state = self.context.getState(getPositions=True)
         return np.asarray(state.getPositions(asNumpy=True)._value).reshape(-1, len(MASSES), 3)
 

@@ -1,7 +1,4 @@
-"""Importing this gives JAX float64 and holds a benchmark to one core, before XLA counts the cores; a test keeps all.
-
-With the option `--all-cores` a benchmark that was started from one core has all.
-"""
+"""Importing this gives JAX float64 and holds a benchmark to one core, or with `--all-cores` to all; no test."""
 
 import os
 import sys

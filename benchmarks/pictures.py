@@ -54,7 +54,6 @@ def brick_path(momentum: Any, last: float, count: int, body: ml.RigidBody = BRIC
 
 
 def turning_over(axes: Any) -> None:
-    """Two bricks of one energy: one turns over, the other wobbles."""
     first = np.array([0.01, 2.0, 0.01])
     second = np.array([1.0, 0.6, 0.6])
     energies = [np.sum(p**2 / np.asarray(BRICK.moments)) for p in (first, second)]
@@ -86,7 +85,6 @@ def angle(t: Any, state: Any) -> Any:
 
 
 def across(t: Any, state: Any) -> Any:
-    """The component of the momentum across the vertical and axis 1: conjugate to the angle."""
     _, y, z = state.direction
     return state.momentum[1] * z - state.momentum[2] * y
 
@@ -171,7 +169,6 @@ def tops(figure: Any) -> None:
 
 
 def asteroid(figure: Any) -> None:
-    """The rotation rate of Apophis in sixty of the phases in which it may pass the Earth."""
     axes = figure.add_axes((0.15, 0.15, 0.81, 0.8))
     panel(axes, "", "time from the perigee, April 2029  [h]", "rotation rate  [revolutions per day]")
     starts = flyby.starts(60)
@@ -245,7 +242,6 @@ FACES = {"face-tops.png": tops, "face-asteroid.png": asteroid, "face-binary.png"
 
 
 def modes(options: Any) -> None:
-    """The momentum in the body frame, and the path of an axis around the pole, for both modes."""
     body, view = ml.RigidBody([0.5, 0.85, 1.0]), np.array([[-0.55, 0.83, 0.0], [-0.25, -0.16, 0.95]])
     around = np.linspace(0, 2 * np.pi, 200)
     panels = [[Line("", np.cos(around), np.sin(around), "#bbbbbb")] for _ in range(2)]

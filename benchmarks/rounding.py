@@ -134,7 +134,6 @@ def cases() -> list[Case]:
 
 
 def rows_of(case: Case, mode: Mode) -> Rows:
-    """The rows of a case in the dtype of the mode and with its class of state."""
     rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
     # A quaternion in float32 has unit length to the rounding of float32 only.
     size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
@@ -155,7 +154,6 @@ def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
 
 
 def in_float64(state: ml.RigidState) -> ml.RigidState:
-    """The momenta and attitudes of states, with their low parts if there are any."""
     momentum, attitude = np.asarray(state.momentum, float), np.asarray(state.attitude, float)
     if isinstance(state, ml.CompensatedState):
         momentum, attitude = momentum + np.asarray(state.low_momentum), attitude + np.asarray(state.low_attitude)
@@ -192,7 +190,6 @@ def errors(case: Case, states: ml.RigidState, truth: np.ndarray | None) -> dict[
 
 
 def exact_attitudes(case: Case, counts: list[int]) -> np.ndarray:
-    """The attitudes of free bodies in closed form, (1 + counts, bodies, 4)."""
     rows = jax.tree.map(np.asarray, case.rows)
     bodies = zip(rows.body.moments, rows.start.momentum, rows.start.attitude, rows.dt, strict=True)
     return np.stack([free_body(i, p, q, dt * np.array([0, *counts]))[1] for i, p, q, dt in bodies], axis=1)

@@ -409,7 +409,6 @@ _STEPS, _ROUNDS = 400, 9
 
 
 def programs(made: Block, dt: Any) -> dict[str, Callable[[], Any]]:
-    """Functions that take `_STEPS` steps, or evaluate as many forces, and wait for the end."""
     mass, start, energy = made.body.mass, made.start, made.energy
     force = ml.torques.FromPotential(energy)
     slow = NeoHookean(made.nodes, made.corners, MU, LAME, jnp.linalg.det)

@@ -476,25 +476,21 @@ def thrown() -> tuple[Any, ...]:
 
 
 def travelling() -> tuple[Any, Any, Any]:
-    """The asymmetric top, also thrown, in uniform gravity."""
     body, torque, starts = rigid("asymmetric-top")
     return ml.FreeBody(body, 3.0), torque + PULL, ml.FreeState(starts.momentum, starts.attitude, *thrown())
 
 
 def axis() -> tuple[Any, Any, Any]:
-    """The axis of the fast top P1, tilted."""
     body, torque, starts = rigid("P1-tilted")
     return ml.SymmetricRotor(body.moments[0]), torque, ml.AxisState.of(starts)
 
 
 def direction() -> tuple[Any, Any, Any]:
-    """The asymmetric top, of whose attitude only the vertical is kept."""
     body, torque, starts = rigid("asymmetric-top")
     return body, torque, ml.DirectionState(starts.momentum, ml.so3.to_matrix(starts.attitude)[:, 2])
 
 
 def travelling_axis() -> tuple[Any, Any, Any]:
-    """The axis of P1, thrown in uniform gravity."""
     rotor, torque, starts = axis()
     start = ml.FreeAxisState(starts.momentum, starts.axis, *thrown())
     return ml.FreeBody(rotor, 3.0), torque + PULL, start
@@ -725,7 +721,6 @@ def gradients() -> Iterator[list[str]]:
 
 
 def hessians() -> Iterator[list[str]]:
-    """Second derivatives by the weight and the moments of one top, 100 steps: the time to compile, and of a call."""
     _, starts = tops("JACOBI[EA]", 1)
     start = jax.tree.map(lambda x: x[0], starts)
 

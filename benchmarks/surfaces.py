@@ -193,8 +193,6 @@ def stretched(subdivisions: int, radius: Callable[[np.ndarray], np.ndarray]) -> 
 
 
 def dumbbell() -> ml.Surface:
-    """An oval of Cassini, rotated about its long axis: two lobes with a thin neck."""
-
     def radius(v: np.ndarray) -> np.ndarray:
         cosine = 2 * v[:, 0] ** 2 - 1
         return np.sqrt(cosine + np.sqrt(cosine**2 + 1.02**4 - 1))
@@ -216,7 +214,6 @@ def cratered() -> ml.Surface:
 
 
 def bowl() -> ml.Surface:
-    """Half of a hollow ball, open towards x."""
     import trimesh
 
     angles = np.linspace(0, np.pi / 2, 9)

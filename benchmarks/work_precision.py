@@ -67,7 +67,6 @@ def family(method: Method) -> str:
 
 
 def members(points: Iterable[Point], families: Mapping[str, str], name: str) -> list[Point]:
-    """The points of the methods that a family contains, from the smallest family of each method by its name."""
     contained = FAMILIES[FAMILIES.index(name) :]
     return [point for point in points if families[point.method] in contained]
 
@@ -158,13 +157,7 @@ class Share(NamedTuple):
 
 
 class Ratio(NamedTuple):
-    """Times of our methods over those of rivals at one error; a ratio is NaN if either side does not reach the error.
-
-    Attributes:
-        families: for each of `FAMILIES` its fastest method; the general family contains all our methods.
-        rival: the fastest rival.
-        over_rival, over_diffrax: time of our fastest method over that of the fastest rival, and of diffrax.
-    """
+    """Our times over those of rivals at one error, NaN if a side does not reach it; of each family the fastest."""
 
     error: float
     families: dict[str, Share]
@@ -423,14 +416,7 @@ def measure(
 
 
 class Comparison(NamedTuple):
-    """The measurements on a scene.
-
-    Attributes:
-        ratios: times of our methods over those of the rivals.
-        in_steps: the same of the methods alone, without the closed form; empty where there is none.
-        families: the smallest family of each of our methods, by its name.
-        warning: a warning if the machine was busy, else "".
-    """
+    """The measurements on a scene; `in_steps` has the ratios without the closed form, where there is one."""
 
     problem: Problem
     ratios: list[Ratio]
@@ -573,7 +559,6 @@ def _cell(row: dict[str, str], family: str) -> str:
 
 
 def fastest_rows() -> Iterator[list[str]]:
-    """For each scene the fastest of all methods and of the symplectic ones, with µs per body; one row if equal."""
     for scene, rows in by_scene("work-precision").items():
         at = {row["error"]: row for row in rows}
         found = {told: [_cell(at[error], family) for error in ERRORS] for family, told in TOLD.items()}
@@ -703,8 +688,6 @@ def spans(rows: list[Ratio]) -> list[str]:
 
 
 def spin_text(comparison: Comparison) -> list[str]:
-    """What heyoka takes for the axis, and what with the spin of the top; nothing where the state is not an axis."""
-
     def took(program: str) -> str:
         points = [point for point in comparison.rivals if point.method == program]
         costs = [1e6 * best_at(points, error).cost for error in DECADES]

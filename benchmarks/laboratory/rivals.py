@@ -182,7 +182,6 @@ def rows(quaternion: Any) -> tuple[Vector, Vector, Vector]:
 
 
 def turning(quaternion: Any, velocity: Any) -> tuple[Any, Any, Any, Any]:
-    """d/dt of the quaternion of a body, q (0, velocity)/2, with the angular velocity in the body frame."""
     w, x, y, z = quaternion
     a, b, c = velocity
     spin = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
@@ -339,7 +338,6 @@ def axis_rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
 
 
 def axis_errors(ends: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """|e - e*|, of axes of any length."""
     return np.linalg.norm(_unit(ends[:, 3:]) - _unit(exact[:, 3:]), axis=1)
 
 
@@ -476,7 +474,6 @@ class Problem(NamedTuple):
         return sizes(jax.tree.map(lambda leaf: leaf[0], self.starts))
 
     def error(self, ends: Any) -> float:
-        """The error of the numbers (j, k) of the first j bodies at the end; at most m bodies are compared."""
         given = np.asarray(ends, np.float64)[: len(self.ends)]
         return float(np.sqrt(np.mean(self.kind.errors(given, self.ends[: len(given)]) ** 2)))
 
@@ -490,7 +487,6 @@ class Problem(NamedTuple):
             yield Point(name, setting, self.error(ends), seconds, count, steps, timing.spread)
 
     def timed(self, run: Callable[[], Any]) -> tuple[Any, Timing]:
-        """The result of `run`, which must wait for it, and the timing of several runs."""
         return timed(run, most=self.repeats, longest=self.longest)
 
     def timed_in_turn(self, runs: Sequence[Callable[[], Any]]) -> list[Timing]:
@@ -539,7 +535,6 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
 
 
 def exact_point(case: Problem) -> Iterator[Point]:
-    """The one point of `free_motion` on a problem without torque, compiled like `Program`."""
     times = jnp.asarray([case.scene.duration])
 
     def end(start: ml.RigidState) -> tuple[ml.RigidState, Array]:
