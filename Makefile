@@ -89,7 +89,7 @@ mutants: .venv/.test
 	.venv/bin/python tests/mutants.py --all
 
 bench: .venv/.bench
-	.venv/bin/python benchmarks/run.py
+	.venv/bin/python benchmarks/speed.py bench
 
 claims: .venv/.cli
 	.venv/bin/python benchmarks/claims.py --out docs/reports/claims.png --page docs/reports/claims.md

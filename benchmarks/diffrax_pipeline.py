@@ -1,10 +1,9 @@
 """Measures the integrators through diffrax: a table for each name.
 
-    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32] [events] [adjoints] [--write]
+    python benchmarks/diffrax_pipeline.py [solvers] [energy] [events] [adjoints] [--write]
 
 solvers  one term with five solvers of diffrax and two of ours: error, order, drift of a free body's spatial momentum
 energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
-float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
 events   a crossing of the fast top P1 by both kinds of dense output, against the closed form
 adjoints  first and later calls of the derivatives that optimisers need
 
@@ -75,8 +74,7 @@ def solver_rows():
         yield [f"`{name}`", f"{errors[0]:.1e}", f"{np.log2(errors[0] / errors[1]):.2f}", f"{drift:.1e}"]
 
 
-def energy(_, duration=2000.0, parts=8):
-    """Prints the largest relative error of the energy in each of `parts` equal parts of the time."""
+def energy_rows(duration=2000.0, parts=8):
     weight = jnp.array(WEIGHT)
     first = ml.observe.energy(TERM.body, top(weight), start())
 
@@ -107,52 +105,13 @@ def energy(_, duration=2000.0, parts=8):
         errors = np.abs(np.asarray(solution.ys[:steps]) / float(first) - 1)
         return steps, [errors[which == part].max() for part in range(parts)]
 
-    print(f"largest |E/E0 - 1| in each eighth of {duration:.0f} time units")
     for name, tolerance in (("LIEMID[EA]", 1e-4), ("SLIEMID[EA]", 1e-4)):
         solver = ml.diffrax.LieSolver(name)
         controller = diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.diffrax.RotationNorm())
         steps, varying = parts_of(run(solver, 0.01, controller))
         same, constant = parts_of(run(solver, duration / steps, None))
         for label, count, errors in (("PIDController", steps, varying), ("constant step", same, constant)):
-            print(f"{name:12} {label:14} {count:7} steps ", " ".join(f"{e:.1e}" for e in errors), flush=True)
-
-
-def float32(_, steps=100_000, dt=0.005, count=64):
-    """Starts of the fast top P1 with a momentum off its axis, so that Pi x Omega is large compared with the torque."""
-
-    def recovered(body, torque, t, state):
-        """The torque recovered from the derivative of the arrays, as a general solver would have to compute it."""
-        velocity = state.momentum / body.moments
-        spin = jnp.cross(state.momentum, velocity)
-        return (spin + torque(t, state)) - spin
-
-    scene = scenes.scene("P1")
-    off_axis = np.random.default_rng(0).uniform(-20, 20, (count, 2))
-    momenta = jnp.asarray(np.concatenate([off_axis, np.full((count, 1), 50.0)], axis=-1))
-    ends = {}
-    for dtype in (jnp.float64, jnp.float32):
-        body, torque, attitude = jax.tree.map(
-            lambda x, d=dtype: x.astype(d), (scene.body, scene.torque, scene.start.attitude)
-        )
-        for way, used in (("as it is", torque), ("recovered", jax.tree_util.Partial(recovered, body, torque))):
-
-            def end(momentum, body=body, used=used, attitude=attitude):
-                begin = ml.RigidState(momentum, attitude)
-                path = ml.integrate("LIEMID[EA]", body, used, begin, dt=dt, steps=steps, save_every=steps)
-                return jax.tree.map(lambda x: x[-1], path.states)
-
-            states = jax.jit(jax.vmap(end))(momenta.astype(dtype))
-            ends[dtype, way] = jax.tree.map(lambda x: x.astype(jnp.float64), states)
-    first = ml.observe.spatial_momentum(jax.vmap(lambda m: ml.RigidState(m, scene.start.attitude))(momenta))
-    exact = ends[jnp.float64, "as it is"]
-    size = jnp.linalg.norm(momenta, axis=-1)
-    print(f"LIEMID[EA] in float32, {steps} steps of {dt}, {count} starts: median error, relative to |Pi|")
-    print(f"{'torque':10} {'Pi':>8} {'(R Pi).z, which is constant':>30}")
-    for way in ("as it is", "recovered"):
-        state = ends[jnp.float32, way]
-        error = jnp.linalg.norm(state.momentum - exact.momentum, axis=-1) / size
-        drift = jnp.abs(ml.observe.spatial_momentum(state) - first)[:, 2] / size
-        print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
+            yield [f"`{name}`", label, str(count), *(f"{e:.1e}" for e in errors)]
 
 
 def event_rows(dt=0.01):
@@ -250,8 +209,9 @@ TABLES = {
         ("solver", "error at h = 1/8", "measured order", "drift of the spatial momentum, free body, h = 1/4"),
         *(solver_rows, "diffrax-solvers", lambda row: row[0].strip("`") not in ("Heun", "Bosh3", "Kvaerno5")),
     ),
-    "energy": energy,
-    "float32": float32,
+    "energy": Table(
+        "", "", ("largest |E/E0 - 1| of each eighth", "control", "steps", *map(str, range(1, 9))), energy_rows
+    ),
     "events": Table(
         *("reports/speed.md", "events"),
         ("method", "`dense`", "error of the time", "of the momentum", "of the attitude", "first call", "later calls"),

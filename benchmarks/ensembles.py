@@ -9,6 +9,7 @@ all is compiled. `--write` puts the tables into docs/reports/speed.md.
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -16,13 +17,10 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness import Table, main, save, shown
+from harness import Table, main
 
 EVERY = 100
-STATE = 7 * 8  # bytes of one state in float64
 ROUNDS = 3
-DISK = 2e9  # bytes per second that all processes of a cluster write together, of the estimate
-PROCESSES = (1, 4, 16, 64)
 NAMES = {"ensemble": "`ensemble`", "by hand": "`ensemble`, then `numpy.save`", "simulate": "`simulate`"}
 SAVED = {
     "ensemble": "the end, in memory",
@@ -86,18 +84,10 @@ def run_once(kind: str, bodies: int, steps: int, devices: int) -> None:
 def measured(kind: str, bodies: int, steps: int, devices: int) -> Cost:
     flags = f"--xla_force_host_platform_device_count={devices}"
     command = [sys.executable, __file__, "--run", kind, "--bodies", str(bodies), "--steps", str(steps)]
-    done = subprocess.run(
-        [*command, "--devices", str(devices)],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "XLA_FLAGS": flags},
-    )
+    command += ["--devices", str(devices)]
+    environment = os.environ | {"XLA_FLAGS": flags}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return Cost(*json.loads(done.stdout.splitlines()[-1]))
-
-
-def median(costs: list[Cost]) -> Cost:
-    return Cost(*(sorted(column)[len(column) // 2] for column in zip(*costs, strict=True)))
 
 
 HEADS = (
@@ -105,7 +95,6 @@ HEADS = (
     *("processor time per body-step, ns", "largest memory, MB"),
 )
 MILLION = Table("reports/speed.md", "million", HEADS)
-SCALING = "processes", "bodies", "computing, s", "writing, s", "efficiency"
 
 
 def million(options: Any) -> None:
@@ -119,8 +108,8 @@ def million(options: Any) -> None:
         for kind in kinds:
             costs[kind].append(measured(kind[0], bodies, steps, kind[1]))
             print(*kind, costs[kind][-1], flush=True)
-    found = {kind: median(costs[kind]) for kind in kinds}
-    bare, one, size = found["ensemble", 1], found["simulate", 1], (steps // EVERY + 1) * bodies * STATE
+    found = {kind: Cost(*map(statistics.median, zip(*costs[kind], strict=True))) for kind in kinds}
+    bare = found["ensemble", 1]
     rows = [
         [
             *(NAMES[kind] + (f", {devices} devices" if devices > 1 else ""), SAVED[kind]),
@@ -129,17 +118,7 @@ def million(options: Any) -> None:
         ]
         for (kind, devices), cost in found.items()
     ]
-    scaling = [
-        [
-            *(f"{processes}", f"{processes * bodies:.0e}".replace("+0", ""), f"{one.wall:.0f}"),
-            *(f"{processes * size / DISK:.1f}", f"{one.wall / max(one.wall, processes * size / DISK):.2f}"),
-        ]
-        for processes in PROCESSES
-    ]
     MILLION.show(options.write, rows)
-    lines = shown(SCALING, scaling)
-    if options.write:
-        save("scaling", lines)
 
 
 ARGUMENTS = {

@@ -6,8 +6,6 @@
 The command of a picture stands below it, in a comment `<!-- drawn by: `COMMAND` -->` or a line "Drawn by `COMMAND`."
 Otherwise it is the command on its page that names the file, as in `midlie stability P1 --out stability-P1.png`.
 Otherwise it is the script on its page that names the file in its source.
-Nothing is listed here, so that pages and pictures cannot differ.
-`make gpu` draws its picture on a GPU only, and is not among them until its picture is on a page.
 """
 
 import argparse

@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import limit
 import numpy as np
 from harness import REPORTS, Line, Panel, chart, link, main, part, put, row_of, save
-from laboratory.kinds import rates
+from laboratory.rivals import rates
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes
@@ -49,8 +49,6 @@ METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS1
 
 
 class Job(NamedTuple):
-    """What one program computes."""
-
     method: str
     dtype: str
     bodies: int
@@ -71,7 +69,6 @@ class Figure(NamedTuple):
 
 
 def jobs(quick: bool) -> Iterator[Job]:
-    """All jobs, the most informative first."""
     by_nvcc = METHODS[:3] if shutil.which("nvcc") and jax.default_backend() == "gpu" else ()
     if quick:
         yield from (Job(method, "float32", 1000, KERNEL) for method in by_nvcc)
@@ -88,7 +85,6 @@ def jobs(quick: bool) -> Iterator[Job]:
 
 
 def run_of(job: Job):
-    """The function that the job compiles, from a state to the momentum at the end."""
     scene = scene_of(job)
 
     def ours(start):
@@ -133,7 +129,6 @@ def difference(job: Job, starts: ml.RigidState, momentum) -> float:
 
 
 def attempted(measure: Callable[..., Figure], job: Job, *others: Any) -> Iterator[Figure]:
-    """The figure, or none: one program that fails must not cost the figures of the others."""
     try:
         yield measure(job, *others)
     except Exception as error:
@@ -141,7 +136,6 @@ def attempted(measure: Callable[..., Figure], job: Job, *others: Any) -> Iterato
 
 
 def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
-    """The figures of the jobs, as they are found; failures are printed and left out."""
     began = time.perf_counter()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         by_nvcc = dict.fromkeys((job.method, job.dtype) for job in queue if job.form == KERNEL)
@@ -164,12 +158,10 @@ def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
 
 
 def kernels(method: str, dtype: str) -> list[Path]:
-    """The programs of `limit.cu` with exact and with rough roots and divisions."""
     return [limit.built_for_gpu(method.partition("[")[0], dtype, rough) for rough in (False, True)]
 
 
 def by_hand(job: Job) -> Figure:
-    """The one kernel of `limit.cu` for all steps, in the faster of its two forms."""
     runs = [limit.measured(program, job.bodies, job.steps) for program in kernels(job.method, job.dtype)]
     cost, momentum = min(runs)
     start = jax.tree.map(lambda x: x[None], scene_of(job).start)
@@ -243,7 +235,6 @@ def draw(figures: list[Figure], path: Path) -> None:
 
 
 def write_page(device: str, lines: list[str]) -> None:
-    """Puts the whole table into its data file, and the picture and the rows in float32 into the page."""
     save("gpu", lines)
     rows = part(
         lines, lambda row: row[1] == "float32" and (row[2] in (OURS, KERNEL) or row[0] == TSIT5), (0, 1, 2, 3, 5, 7, 9)

@@ -29,13 +29,9 @@ FRESH = 3  # processes, of which `first_call` takes the median
 class Table(NamedTuple):
     """A table of docs/.
 
-    Attributes:
-        page, mark: it stands between the comments <!-- mark --> and <!-- /mark --> of docs/page; "" is on no page.
-        heads: of its columns.
-        rows: yields the cells of each row.
-        data: the name of its data file; by default it has none.
-        key, columns: of a table with a data file which rows, by their cells, and which columns are on the page.
-        words: what is on the page instead of rows, from the rows of the data file.
+    It stands between the comments <!-- mark --> and <!-- /mark --> of docs/page; "" is on no page. `rows` yields the
+    cells of each row. Of a table with a data file `key` chooses rows, by their cells, and `columns` those on the page;
+    `words` are on the page instead of rows, from the rows of the data file.
     """
 
     page: str
@@ -79,7 +75,6 @@ def row_of(cells: Iterable[str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """The lines of a table in Markdown, as pages have them."""
     return [compact(row_of(row)) for row in (heads, ["---"] * len(heads), *rows)]
 
 
@@ -93,7 +88,6 @@ def shown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def cells(line: str) -> list[str]:
-    """The cells of a line of a table."""
     return [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
 
 
@@ -115,7 +109,6 @@ def save(name: str, lines: Iterable[str], folder: Path = DATA) -> None:
 
 
 def saved(name: str, folder: Path = DATA) -> list[dict[str, str]]:
-    """The rows of a data file, by the heads of its columns."""
     with (folder / f"{name}.csv").open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -129,7 +122,6 @@ def by_scene(name: str) -> dict[str, list[dict[str, str]]]:
 
 
 def link(*names: str) -> str:
-    """The line of a page that leads to whole tables."""
     return f"Data: {', '.join(f'[{name}.csv](tables/{name}.csv)' for name in names)}."
 
 
@@ -146,14 +138,10 @@ def main(
     first: Callable[..., Callable[[], Any]] | None = None,
     serve: Callable[[], None] | None = None,
 ) -> None:
-    """A benchmark on the command line.
+    """A benchmark on the command line, with `--write` and options as for `ArgumentParser.add_argument`.
 
-    Args:
-        description: its help.
-        parts: what it measures, by name; all unless some are named. A part that is no table is called with the options.
-        arguments: options besides `--write`, as for `ArgumentParser.add_argument`.
-        first: makes the run of a process that `first_call` starts, from its words.
-        serve: what a process does that `Served` starts.
+    `parts` are what it measures, by name; all unless some are named. What is no table is called with the options.
+    `first` makes the run of a process that `first_call` starts, from its words; `serve` is what `Served` starts.
     """
     if first is not None and "--first" in sys.argv:
         run = first(*sys.argv[sys.argv.index("--first") + 1 :])
@@ -184,11 +172,7 @@ def main(
 
 
 class Compiled(NamedTuple):
-    """A compiled program with its arguments, which waits for its result when it is called.
-
-    Attributes:
-        seconds: processor time of tracing and compiling.
-    """
+    """A compiled program, which waits for its result, and the seconds of processor time of tracing and compiling."""
 
     program: Any
     arguments: tuple[Any, ...]
@@ -199,7 +183,6 @@ class Compiled(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """Bytes that it needs besides arguments and results."""
         return self.program.memory_analysis().temp_size_in_bytes
 
 
@@ -300,7 +283,6 @@ class Served:
 
 
 def requests() -> Iterator[tuple[str, ...]]:
-    """The words of each request, in the process that serves."""
     return (tuple(line.rstrip("\n").split("\t")) for line in sys.stdin)
 
 

@@ -11,6 +11,7 @@ share, such as the counter of the loop. The bytes are those that the kernels of 
 """
 
 import importlib.util
+import math
 import os
 import re
 import sys
@@ -18,7 +19,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from unittest import mock
 
 os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")  # the compiler asks for a driver otherwise
@@ -45,13 +46,6 @@ NAMES = (
     *("JACOBI[SRKN14a]", "SYMMETRIC[SRKN14a]"),
 )
 
-# Beside the methods as they are: what other forms of their programs would cost, by the arguments of `compiled`.
-FORMS: dict[tuple[str, str], tuple[dict[str, Any], ...]] = {
-    ("SYMMETRIC[EA]", "float32"): ({"unroll": 1}, {"unroll": 8}),
-    ("JACOBI[EA]", "float32"): ({"unroll": 1}, {"unroll": 4}),
-    ("LIEMID[EA]", "float32"): ({"unroll": 2},),
-    ("GBS12", "float32"): ({"cut": False},),
-}
 
 _NO_KERNEL = {"parameter", "get-tuple-element", "tuple", "bitcast", "constant", "after-all", "while"}
 _BYTES = {"f64": 8, "f32": 4, "s32": 4, "u32": 4, "s64": 8, "u64": 8, "s16": 2, "u16": 2, "s8": 1, "u8": 1, "pred": 1}
@@ -68,9 +62,6 @@ class Launches(NamedTuple):
     def times(self, factor: float) -> "Launches":
         return Launches(*(factor * x for x in self))
 
-    def plus(self, other: "Launches") -> "Launches":
-        return Launches(*(x + y for x, y in zip(self, other, strict=True)))
-
 
 class Compiled(NamedTuple):
     """A program for the card: steps in an iteration, launches of a step and bytes a body, seconds, code of kernels."""
@@ -82,20 +73,15 @@ class Compiled(NamedTuple):
 
 
 def missing() -> str:
-    """Why nothing can be compiled for a GPU here; "" if it can."""
     if any(importlib.util.find_spec(f"jax_cuda{version}_plugin") for version in (12, 13)):
         return ""
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
 
 
-def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int | None = None) -> Compiled:
+def compiled(method: Method | str, dtype: str, *, cut: bool = True) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
-    Args:
-        method: the method, or its name.
-        cut: whether a long Runge-Kutta step is cut, as the package does; otherwise it is split as on a CPU, which
-            compiles to nothing on a GPU.
-        unroll: steps in an iteration of the loop; by default those of the method on a GPU.
+    A long Runge-Kutta step is `cut`, as the package does, or split as on a CPU, which compiles to nothing on a GPU.
     """
     method = as_method(method)
     moments = jnp.array((5.0, 5.0, 1.0) if method.name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
@@ -106,8 +92,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
         start = ml.RigidState(momentum, attitude)
         steps = ITERATIONS * turn
         run = {"dt": 0.02, "steps": steps, "save_every": steps}
-        with mock.patch.object(type(method), "unroll", turn):
-            return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
+        return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
@@ -117,7 +102,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
         mock.patch.object(runge_kutta, "cut", fusion.cut if cut else fusion.split),
         tempfile.TemporaryDirectory() as folder,
     ):
-        turn = unroll or method.unroll
+        turn = method.unroll
         lowered = jax.jit(jax.vmap(run), out_shardings=card).lower(*arguments)
         program = lowered.compile(compiler_options={"xla_backend_optimization_level": 3, "xla_dump_to": folder})
         ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
@@ -128,8 +113,6 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
 
 
 def coupled(count: int) -> str:
-    """The optimised program of a run of coupled bodies under a force of all pairs."""
-
     def energy(t, state):
         apart = state.position[:, None] - state.position[None]
         return jnp.sum(1 / jnp.sqrt(1 + jnp.sum(apart * apart, axis=-1)))
@@ -169,7 +152,6 @@ def _computations(text: str) -> dict[str, list[tuple[str, ...]]]:
 
 
 def _loop_over_steps(computations) -> Launches:
-    """The launches of one iteration of the loop with `ITERATIONS` iterations."""
     for instructions in computations.values():
         for _, _, operation, rest in instructions:
             if operation == "while" and _turns(rest) == ITERATIONS:
@@ -178,16 +160,16 @@ def _loop_over_steps(computations) -> Launches:
 
 
 def _launches(computations, name: str) -> Launches:
-    total, shapes = Launches(0, 0, 0), {}
+    total, shapes = [Launches(0, 0, 0)], {}
     for result, shape, operation, rest in computations[name]:
         shapes[result] = shape
         if operation == "while":
-            total = total.plus(_launches(computations, _body(rest)).times(_turns(rest)))
+            total.append(_launches(computations, _body(rest)).times(_turns(rest)))
         elif operation not in _NO_KERNEL:
             operands = re.findall(r"%([\w.\-]+)", rest.split("),")[0])
             size = _size(shape) + sum(_size(shapes.get(operand, "")) for operand in operands)
-            total = total.plus(Launches(1, 0, size) if size >= BATCH else Launches(0, 1, 0))
-    return total
+            total.append(Launches(1, 0, size) if size >= BATCH else Launches(0, 1, 0))
+    return Launches(*map(sum, zip(*total, strict=True)))
 
 
 def _body(rest: str) -> str:
@@ -200,20 +182,8 @@ def _turns(rest: str) -> int:
 
 
 def _size(shape: str) -> int:
-    total = 0
-    for kind, dimensions in re.findall(r"(\w+)\[([\d,]*)\]", shape):
-        entries = 1
-        for dimension in filter(None, dimensions.split(",")):
-            entries *= int(dimension)
-        total += entries * _BYTES[kind]
-    return total
-
-
-def row(name: str, dtype: str, **form: Any) -> list[str]:
-    found = compiled(name, dtype, **form)
-    kernels, small, size = (f"{x:.4g}" for x in found.step)
-    words = "other number of steps per iteration" if "unroll" in form else "not cut" if form else ""
-    return [name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s"]
+    arrays = re.findall(r"(\w+)\[([\d,]*)\]", shape)
+    return sum(_BYTES[kind] * math.prod(map(int, filter(None, sizes.split(",")))) for kind, sizes in arrays)
 
 
 def rows() -> Iterator[list[str]]:
@@ -221,13 +191,15 @@ def rows() -> Iterator[list[str]]:
         sys.exit(missing())
     for name in NAMES:
         for dtype in ("float32", "float64"):
-            yield from (row(name, dtype, **form) for form in ({}, *FORMS.get((name, dtype), ())))
+            found = compiled(name, dtype)
+            kernels, small, size = (f"{x:.4g}" for x in found.step)
+            yield [name, dtype, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s"]
 
 
 TABLE = Table(
     *("reports/gpu.md", "kernels"),
-    ("method", "dtype", "form", "steps per iteration", "launches per step", "bytes per body-step", "compile"),
-    *(rows, "gpu-kernels", lambda row: row[1:3] == ["float32", ""], (0, 3, 4, 5)),
+    ("method", "dtype", "steps per iteration", "launches per step", "bytes per body-step", "compile"),
+    *(rows, "gpu-kernels", lambda row: row[1] == "float32", (0, 2, 3, 4)),
 )
 
 if __name__ == "__main__":

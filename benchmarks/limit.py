@@ -30,8 +30,6 @@ MOMENTS, WEIGHT, DT = (5.0, 5.0, 1.0), 20.0, 0.005
 
 
 class Form(NamedTuple):
-    """How the C program is built; see the head of `limit.c`."""
-
     vectors: int
     groups: int
     hardware_roots: bool = True
@@ -53,7 +51,6 @@ class Limit(NamedTuple):
 
 @cache
 def compilers() -> tuple[str, ...]:
-    """The C compilers of this machine that can build a program; two names of one compiler count once."""
     found = {}
     for name in (os.environ.get("CC", "cc"), "gcc", "clang"):
         path = shutil.which(name)
@@ -77,7 +74,6 @@ def extra_flags(compiler: str) -> tuple[str, ...]:
 
 
 def header(dtype: str) -> str:
-    """The constants of midlie_jax in this precision, as C."""
     rough = short_series.FEW_ARCTANGENT[dtype]
     cosine, sine = short_series.half_angle_polynomials(dtype)
     spin_terms = short_series.SPIN_TERMS[dtype]
@@ -134,7 +130,6 @@ def _horner(table: Any, variables: tuple[str, ...]) -> str:
 
 @cache
 def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
-    """The path of the compiled program; if compiling fails, a RuntimeError with the compiler's message."""
     names = {
         "METHOD": method,
         "VECTORS": form.vectors,
@@ -147,7 +142,6 @@ def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
 
 
 def _sources(dtype: str) -> Path:
-    """A new folder with the C and CUDA files and their header in this precision."""
     folder = Path(tempfile.mkdtemp(prefix="midlie-limit-"))
     (folder / "limit.h").write_text(header(dtype))
     for source in SOURCES:
@@ -164,14 +158,12 @@ def _compiled(command: list[str], folder: Path) -> Path:
 
 @cache
 def built_for_gpu(method: str, dtype: str, rough: bool) -> Path:
-    """The path of `limit.cu` compiled by nvcc for the GPU of this machine; `rough`: with inexact roots."""
     folder = _sources(dtype)
     options = ["-O3", "-arch=native", "-std=c++20", f"-DMETHOD={method}", *(["--use_fast_math"] if rough else [])]
     return _compiled(["nvcc", *options, "-o", "limit", "limit.cu"], folder)
 
 
 def measured(program: Path, bodies: int, steps: int, moments=MOMENTS, weight=WEIGHT) -> tuple[float, list[float]]:
-    """Seconds a body-step, and the momentum of the first top at the end."""
     command = [str(program), *map(repr, (bodies, steps, DT, *moments, weight))]
     words = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     return float(words[0]), [float(word) for word in words[1:]]

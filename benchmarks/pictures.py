@@ -1,11 +1,11 @@
-"""The pictures of docs/pictures.md and docs/index.md.
+"""The pictures of docs/pictures.md, index.md, orbits.md and scatter.md.
 
     python benchmarks/pictures.py [PART ...] [--folder docs]
 
 Parts: motion (motion.png, a panel of each function of `ml.plot` that draws one path), flip (flip.gif), the scenes
 binary, waters, fleet and methods (binary.gif, ...), which are drawn by the code that stands in their section of the
-page, and face, the four small pictures of docs/index.md (face-*.png). A part takes some ten seconds, motion and face
-half a minute. The heavy top has the moments 5, 5, 1 kg m^2, the brick 1, 2, 2.5.
+page, face, the four small pictures of docs/index.md (face-*.png), modes (tumbling.png), scatter (scattered-tops.png,
+whose table `--write` puts into its page). The heavy top has the moments 5, 5, 1 kg m^2, the brick 1, 2, 2.5.
 """
 
 import contextlib
@@ -14,21 +14,22 @@ import shutil
 import tempfile
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from harness import DOCS, main
+from harness import DOCS, Line, Panel, Table, chart, main
 from matplotlib.colors import LinearSegmentedColormap
 
 import midlie_jax as ml
-from midlie_jax.cli.figures import INK, PANEL_TITLE, new_figure, panel, write
+from midlie_jax.cli.figures import INK, PANEL_TITLE, heading, new_figure, panel, write
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory import didymos, flyby  # noqa: E402, because they make bodies in float64
+import binaries as didymos  # noqa: E402, because they make bodies in float64
+import flyby  # noqa: E402
 
 TOP, GRAVITY = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])
@@ -45,7 +46,6 @@ def axes_of_tops(axes: Any, cases: Any, steps: int, elevation: float) -> None:
 
 
 def nutation(axes: Any) -> None:
-    """A fast top that is let go at a tilt of 0.5 rad, and one that leans more."""
     axes_of_tops(axes, [("tilt 0.5 rad", 0.5, 0.0, BLUE), ("tilt 1.2 rad", 1.2, 0.0, VERMILLION)], 900, 35)
 
 
@@ -54,7 +54,6 @@ def brick_path(momentum: Any, last: float, count: int, body: ml.RigidBody = BRIC
 
 
 def turning_over(axes: Any) -> None:
-    """Two bricks of one energy: one turns over, the other wobbles."""
     first = np.array([0.01, 2.0, 0.01])
     second = np.array([1.0, 0.6, 0.6])
     energies = [np.sum(p**2 / np.asarray(BRICK.moments)) for p in (first, second)]
@@ -65,7 +64,6 @@ def turning_over(axes: Any) -> None:
 
 
 def errors(axes: Any) -> None:
-    """Methods of order 1, 2 and 6 with the same step."""
     panel(axes, "conserved", "time  [s]", "relative error  [-]")
     start = ml.RigidState([0.0, 0.0, 30.0], ml.so3.exp(jnp.array([0.5, 0.0, 0.0])))
     for method, colour in (("LIEMID[E1]", VERMILLION), ("LIEMID[EA]", GREEN), ("JACOBI[SRKN6b]", BLUE)):
@@ -79,7 +77,6 @@ STARTS = ((1.0, -0.1), (0.9, -0.4), (1.0, -0.65), (1.0, -0.9), (1.0, -1.1), (1.0
 
 
 def section(t: Any, state: Any) -> Any:
-    """Axis 1 passes through the horizontal."""
     return state.direction[0]
 
 
@@ -88,7 +85,6 @@ def angle(t: Any, state: Any) -> Any:
 
 
 def across(t: Any, state: Any) -> Any:
-    """The component of the momentum across the vertical and axis 1: conjugate to the angle."""
     _, y, z = state.direction
     return state.momentum[1] * z - state.momentum[2] * y
 
@@ -167,14 +163,12 @@ OFFSET: dict[str, Any] = {"textcoords": "offset points"}
 
 
 def tops(figure: Any) -> None:
-    """The axes of three heavy tops: let go at rest, pushed forwards, pushed backwards."""
     axes = figure.add_axes((0.02, -0.1, 0.86, 1.05), projection="3d")
     cases = (("let go", 0.4, 0.0, BLUE), ("pushed on", 0.8, 8.0, GREEN), ("pushed back", 1.2, -8.0, VERMILLION))
     axes_of_tops(axes, cases, 1400, 38)
 
 
 def asteroid(figure: Any) -> None:
-    """The rotation rate of Apophis in sixty of the phases in which it may pass the Earth."""
     axes = figure.add_axes((0.15, 0.15, 0.81, 0.8))
     panel(axes, "", "time from the perigee, April 2029  [h]", "rotation rate  [revolutions per day]")
     starts = flyby.starts(60)
@@ -191,7 +185,6 @@ def asteroid(figure: Any) -> None:
 
 
 def binary(figure: Any) -> None:
-    """Didymos and its moon from above, to scale, every hour of an orbit."""
     axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
     gravity = ml.asteroids.MutualGravity(didymos.G)
     path = ml.integrate("JACOBI[SRKN14a]", didymos.BODY, gravity, didymos.start(), dt=300.0, steps=144)
@@ -224,7 +217,6 @@ def _outline(place: np.ndarray, turn: np.ndarray, squares: np.ndarray) -> np.nda
 
 
 def bath(figure: Any) -> None:
-    """Tilts of two thousand dipoles in a field, once they have the temperature of the bath."""
     axes = figure.add_axes((0.15, 0.15, 0.81, 0.8))
     panel(axes, "", "cosine of the angle to the field  [-]", "probability density  [-]")
     n, kT, x = 2000, 0.7, 2.0
@@ -246,6 +238,138 @@ def bath(figure: Any) -> None:
 FACES = {"face-tops.png": tops, "face-asteroid.png": asteroid, "face-binary.png": binary, "face-bath.png": bath}
 
 
+# ---- tumbling.png of docs/orbits.md ----
+
+
+def modes(options: Any) -> None:
+    body, view = ml.RigidBody([0.5, 0.85, 1.0]), np.array([[-0.55, 0.83, 0.0], [-0.25, -0.16, 0.95]])
+    around = np.linspace(0, 2 * np.pi, 200)
+    panels = [[Line("", np.cos(around), np.sin(around), "#bbbbbb")] for _ in range(2)]
+    marks = [[], []]
+    for mode, axis, rotation, colour in (("short", 2, 10.8, "#0072b2"), ("long", 0, 4.0, "#d55e00")):
+        start = ml.asteroids.tumbling(
+            body, precession_period=3.0, rotation_period=rotation, axis=mode, pole=[0.0, 0.0, 1.0], phases=(0.0, 0.0),
+            mode=mode,
+        )  # fmt: skip
+        turn = np.asarray(ml.free_motion(body, start, np.linspace(0, rotation, 400)).states.momentum)
+        across = turn / np.linalg.norm(turn[0]) @ view.T
+        panels[0].append(Line("", across[:, 0], across[:, 1], colour))
+        end = np.eye(3)[axis] @ view.T
+        panels[0].append(Line("", end[:1], end[1:], colour, "o"))
+        marks[0].append((*end, f"  {mode} axis", colour))
+        marks[0].append((1.1, 0.6 - 0.55 * axis, f"{mode}-axis mode:\nL circles the\n{mode} axis", colour))
+        attitudes = ml.free_motion(body, start, np.linspace(0, 3.0, 400)).states.attitude
+        along = np.asarray(jax.vmap(lambda q, a=axis: ml.so3.rotate(q, jnp.eye(3)[a]))(attitudes))
+        panels[1].append(Line("", along[:, 0], along[:, 1], colour))
+        marks[1].append((1.1, 0.6 - 0.55 * axis, f"{mode}-axis mode:\npath of the\n{mode} axis", colour))
+    marks[1].append((0.03, 0.03, "pole", "black"))
+    panels[1].append(Line("", [0.0], [0.0], "black", "o"))
+
+    def written(texts):
+        def more(axes):
+            axes.grid(visible=False)
+            for x, y, text, colour in texts:
+                axes.text(x, y, text, color=colour, fontsize=10, va="center")
+
+        return more
+
+    square = {"aspect": "equal", "xlim": (-1.1, 2.0), "ylim": (-1.1, 1.1), "xticks": [], "yticks": []}
+    titles = "Body frame, one rotation period", "Space frame, one precession period"
+    row = [
+        Panel(title, "", "", lines, square, written(texts))
+        for title, lines, texts in zip(titles, panels, marks, strict=True)
+    ]
+    chart(options.folder / "tumbling.png", [row], (9.5, 3.6), left=0.02, right=0.99, bottom=0.04, top=0.9, wspace=0.05)
+
+
+# ---- scattered-tops.png and the table of docs/scatter.md ----
+#
+# A top that stands upright does not fall while the square of its momentum about its axis exceeds 4 I1 times the weight
+# (weight times lever). The nominal tops have twice this limit, and 1.2 times. A deviation that is harmless in the first
+# tips some of the second over. Both ensembles draw from one key, so body k has the same moments, weight and attitude.
+
+STEP, STEPS, EVERY = 0.02, 1000, 5  # seconds, steps
+TOPS, I1, PULL, TILT = 1000, 5.0, 20.0, 0.05  # kg m^2, N m, rad
+LIMIT = 4 * I1 * PULL
+SAFETY = (2.0, 1.2)  # nominal squares of the momentum over the limit
+SCATTER_HEADS = (
+    *("nominal momentum about the axis, kg m²/s", "tops below the limit", "tilt after 20 s: 5 %", "median", "95 %"),
+    *("largest tilt", "largest relative energy error"),
+)
+SCATTER = Table("scatter.md", "tops", SCATTER_HEADS)
+
+
+class Outcome(NamedTuple):
+    """Times (n,), tilts from upright (bodies, n) in degrees (NaN once a top failed), share of tops below the limit."""
+
+    times: np.ndarray
+    tilt: np.ndarray
+    below: float
+    energy_error: float
+
+
+def momentum_of(safety: float) -> float:
+    return float(np.sqrt(safety * LIMIT))
+
+
+def drawn_tops(bodies: int, momentum: float) -> dict[str, Any]:
+    d = ml.distributions
+    return ml.scatter(
+        jax.random.key(2004),
+        bodies,
+        moments=d.LogNormal([I1, I1, 1.0], 0.03),
+        weight=d.Normal(PULL, 1.0),
+        momentum=d.Normal([0.0, 0.0, momentum], [0.0, 0.0, 1.0]),
+        attitude=d.RotationNear(ml.so3.exp(jnp.array([TILT, 0.0, 0.0])), 0.02),
+    )
+
+
+def outcome(bodies: int, momentum: float) -> Outcome:
+    drawn = drawn_tops(bodies, momentum)
+    body, torque = ml.RigidBody(drawn["moments"]), ml.torques.HeavyTop(drawn["weight"])
+    start = ml.RigidState(drawn["momentum"], drawn["attitude"])
+    path = ml.ensemble("JACOBI[CHIN4A]", body, torque, start, dt=STEP, steps=STEPS, save_every=EVERY)
+    energy = np.asarray(jax.vmap(ml.observe.energy)(body, torque, path.states))
+    height = np.asarray(ml.so3.to_matrix(path.states.attitude))[..., 2, 2]
+    # The limit is that of a top with two equal moments; the larger of the two decides.
+    below = drawn["momentum"][:, 2] ** 2 < 4 * drawn["moments"][:, :2].max(axis=1) * drawn["weight"]
+    tilt = np.degrees(np.arccos(np.clip(height, -1, 1)))
+    tilt[~np.asarray(path.ok)] = np.nan
+    error = np.nanmax(np.abs(energy / energy[:, :1] - 1))
+    return Outcome(np.asarray(path.times), tilt, float(jnp.mean(below)), float(error))
+
+
+def row(safety: float, found: Outcome) -> list[str]:
+    end = found.tilt[:, -1]
+    tilts = [*np.nanquantile(end, [0.05, 0.5, 0.95]), np.nanmax(found.tilt)]
+    share = f"{100 * found.below:.1f} %"
+    return [f"{momentum_of(safety):.1f}", share, *(f"{x:.1f}°" for x in tilts), f"{found.energy_error:.0e}"]
+
+
+def draw_scatter(results: dict[float, Outcome], bodies: int, path: str) -> None:
+    figure = new_figure(12.0, 5.4)
+    peaks = [np.nanquantile(found.tilt, 0.95, axis=0).max() for found in results.values()]
+    title = f"Near the limit 95 % of the tops stay below {peaks[-1]:.0f}°, far from it below {peaks[0]:.0f}°"
+    heading(figure, title, f"Bands: shares of {bodies:,} scattered tops, nominally tilted by {np.degrees(TILT):.1f}°.")
+    figure.subplots_adjust(bottom=0.11, wspace=0.22)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, safety in zip(panels, results, strict=True):
+        title = f"Squared momentum {safety:g} times the limit"
+        panel(axes, title, "time [s]", "tilt of the axis from upright [degrees]" if axes is panels[0] else "")
+        axes.tick_params(labelleft=True)
+        axes.set_xticks(np.linspace(0, STEP * STEPS, 5))
+    panels[0].set(ylim=(0, 1.06 * max(peaks)), yticks=np.arange(0, 1.06 * max(peaks), 3))
+    for axes, found in zip(panels, results.values(), strict=True):
+        ml.plot.bands(axes, found.times, found.tilt)
+    write(figure, path)
+
+
+def scatter(options: Any) -> None:
+    results = {safety: outcome(TOPS, momentum_of(safety)) for safety in SAFETY}
+    SCATTER.show(options.write, (row(safety, found) for safety, found in results.items()))
+    draw_scatter(results, TOPS, str(options.folder / "scattered-tops.png"))
+
+
 def drawn(part: str, options: Any) -> None:
     folder = options.folder.resolve()
     names = {"motion": ["motion.png"], "face": list(FACES)}.get(part, [f"{part}.gif"])
@@ -265,6 +389,7 @@ def drawn(part: str, options: Any) -> None:
 
 
 PARTS = {part: partial(drawn, part) for part in ("motion", "flip", *SCENES, "face")}
+PARTS |= {"modes": modes, "scatter": scatter}
 
 if __name__ == "__main__":
     main(__doc__, PARTS, {"--folder": {"type": Path, "default": DOCS}})

@@ -175,7 +175,7 @@ Image(ml.plot.animate(body, two, folder / "dimer.gif", frames=60, size=400, poin
 
 # %%
 sys.path.insert(0, str(Path.cwd().parent / "benchmarks"))
-from laboratory.molecules import water
+import molecules as water
 
 box, edge = water.box()
 bodies, forces, began = water.molecules(216), water.forces(edge), time.perf_counter()

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laboratory import rivals, work_precision
-from laboratory.frontier import FAMILIES
-from laboratory.frontier_chart import BANDS, work_precision_figure
-from laboratory.rivals.problem import Point
+import work_precision
+from laboratory import rivals
+from laboratory.rivals import Point
+from work_precision import BANDS, FAMILIES, work_precision_figure
 
 import midlie_jax as ml
 from midlie_jax.cli import charts, convergence, figures, run_chart, scenes

@@ -9,13 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 from cases import benchmark
-from laboratory.claims import command, measure, structure, verdicts
-from laboratory.claims.measure import Bench, work
 
 import midlie_jax as ml
 from midlie_jax.integrators.registry import ENTRIES
 
-script = benchmark("claims")
+script = command = measure = structure = verdicts = benchmark("claims")
+Bench, work = script.Bench, script.work
 HAS, LACKS, PAPERS = "JACOBI[EA]", "RK4", "LIEMID[EA]"
 STEPS = 2000
 

@@ -2,10 +2,10 @@
 
 import re
 
+import coming_from as bodies
 import pytest
-from laboratory.coming_from import MARK, PAGES, agree, bodies, columns, joined, missing, tables
-from laboratory.coming_from.alone import run
-from laboratory.coming_from.compare import FOLDER
+from alone import run
+from coming_from import FOLDER, MARK, PAGES, agree, columns, joined, missing, tables
 
 NAMES = sorted(path.stem for path in FOLDER.glob("*.md"))
 

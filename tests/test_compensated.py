@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import RIGID_FLIGHTS, each, epsilon, quick, real, setup, suited, swing, whole
-from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
+from laboratory.runner import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
 

@@ -148,7 +148,7 @@ FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "DLM[EA]", "JACOBI[CHIN4A]"]
 @pytest.mark.parametrize("name", [*FEW_SYMPLECTIC, *whole(*(n for n in SYMPLECTIC if n not in FEW_SYMPLECTIC))])
 def test_the_defect_on_the_phase_space_of_two_bodies(name):
     """M^T W1 M = W0 on 24 dimensions, to rounding where the flight is symplectic."""
-    canonical = benchmark("laboratory.claims.structure").canonical
+    canonical = benchmark("claims").canonical
     state, h = start("two"), jnp.asarray(0.1)
 
     def end(increment):

@@ -14,8 +14,7 @@ import midlie_jax as ml
 from midlie_jax.integrators import schemes
 from midlie_jax.integrators.system import System
 
-benchmark("claims")  # which puts the folder of benchmarks on the path
-from laboratory.claims import structure  # noqa: E402
+structure = benchmark("claims")
 
 NAMES = [scheme.name for scheme in schemes.SCHEMES.values() if scheme.displaced]
 BODY = ml.RigidBody([1.0, 2.0, 2.5])

@@ -50,7 +50,7 @@ def test_readme_is_short_and_leads_to_every_page():
 
 def test_the_ratios_of_readme_and_reports_are_those_measured():
     """`python benchmarks/work_precision.py --data` after a change of docs/reports/tables/work-precision*.csv."""
-    harness, inverse = benchmark("harness"), benchmark("laboratory.times_faster").inverse
+    harness, inverse = benchmark("harness"), benchmark("work_precision").inverse
     measured = harness.saved("work-precision-ratios")
     readme, report = (
         " ".join((ROOT / name).read_text().split()) for name in ("README.md", "docs/reports/work-precision.md")
@@ -63,7 +63,7 @@ def test_the_ratios_of_readme_and_reports_are_those_measured():
     for row in measured:
         assert f"| {row['scene']} | {' | '.join(map(inverse, list(row.values())[1:]))} |" in report
     table = (DOCS / "choosing-a-method.md").read_text().split("<!-- fastest -->\n")[1].split("<!-- /fastest -->")[0]
-    fastest = benchmark("laboratory.times_faster").fastest_rows()
+    fastest = benchmark("work_precision").fastest_rows()
     assert table.splitlines()[2:] == [harness.row_of(cells) for cells in fastest]
     rows = [row for scene in harness.by_scene("work-precision").values() for row in scene]
     reached = [row[f"general / {program}"] for row in rows for program in ("heyoka", "diffrax")]
@@ -92,9 +92,9 @@ def test_tables_of_benchmarks_have_their_places():
     assert all(texts[page].index(f"<!-- {mark} -->") < texts[page].index(f"<!-- /{mark} -->") for page, mark in marks)
     written = {place for path in (ROOT / "benchmarks").rglob("*.py") for place in tables_of(path.read_text())}
     written |= {(page, "measured") for page in texts if page.startswith("coming-from/")}
-    claims = (ROOT / "benchmarks" / "laboratory" / "claims" / "command.py").read_text()
+    claims = (ROOT / "benchmarks" / "claims.py").read_text()
     written |= {("reports/claims.md", mark) for mark in re.findall(r'"(claims \w+)"', claims)}
-    written |= {("reports/work-precision.md", scene) for scene in benchmark("laboratory.work_precision").SCENES}
+    written |= {("reports/work-precision.md", scene) for scene in benchmark("work_precision").SCENES}
     assert marks - written == {("how-it-compares.md", "features")}
     assert written - marks == set()
 

@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import half_last_digit, worst
-from laboratory.claims.drift import Drift
-from laboratory.claims.drift import drift as drift_test
-from laboratory.claims.verdicts import PUBLISHED_DRIFTS, is_published_drift
+from claims import PUBLISHED_DRIFTS, Drift, is_published_drift
+from claims import drift as drift_test
 
 import midlie_jax as ml
 from midlie_jax.cli import scenes

@@ -13,7 +13,7 @@ import midlie_jax as ml
 from midlie_jax import fitting
 from midlie_jax.fitting.parameters import Moments
 
-published = benchmark("laboratory.published_fits")
+published = benchmark("fits")
 METHOD = published.METHOD
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, at, epsilon, quick, whole
-from laboratory.claims.structure import canonical
+from claims import canonical
 from laboratory.free_body import free_body
 
 import midlie_jax as ml

@@ -1,10 +1,10 @@
 """Apophis past the Earth: starts and ends against figures on which SciPy and 128-bit arithmetic agree."""
 
+import flyby
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laboratory import flyby
 
 import midlie_jax as ml
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import CLASSES, ROTATION, by_turns, epsilon, equal_moments, quick, real, turn, whole
-from laboratory.free_bodies import spatial_momentum
+from laboratory.runner import spatial_momentum
 
 import midlie_jax as ml
 from midlie_jax.integrators.runge_kutta import RungeKutta

@@ -5,9 +5,9 @@ from math import erfc, exp, pi, sqrt
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import molecules as water
 import numpy as np
 import pytest
-from laboratory.molecules import water
 from path_scenes import cast
 
 import midlie_jax as ml

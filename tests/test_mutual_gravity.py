@@ -8,7 +8,7 @@ from cases import benchmark, quick
 
 import midlie_jax as ml
 
-didymos = benchmark("laboratory.didymos")
+didymos = benchmark("binaries")
 DAY = didymos.DAY
 
 

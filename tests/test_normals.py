@@ -1,7 +1,4 @@
-"""The random numbers of `_math/counter.py` and `_math/normals.py`: their bits, and what a statistician would test.
-
-`benchmarks/random_numbers.py words` feeds the words to programs that test random numbers.
-"""
+"""The random numbers of `_math/counter.py` and `_math/normals.py`: their bits, and what a statistician would test."""
 
 import re
 from math import erfc

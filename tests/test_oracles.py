@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from laboratory.free_body import free_body
-from laboratory.kinds import matrix
+from laboratory.rivals import matrix
 
 from midlie_jax.cli.oracle import exact_motion
 

@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import work_precision
 from cases import benchmark
-from laboratory import work_precision
-from laboratory.claims import command
-from laboratory.claims.drift import Drift
-from laboratory.claims.measure import Measured, Work
+from claims import Drift, Measured, Work
 from test_cli import midlie
 
 import midlie_jax as ml
 from midlie_jax.cli import chosen, convergence, scenes, stability
 from midlie_jax.simulation.summary import inspect
+
+command = benchmark("claims")
 
 # Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
 MODULE = """

@@ -27,7 +27,7 @@ from cases import (
     quick,
     real,
 )
-from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
+from laboratory.runner import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
 from midlie_jax.cli.oracle import exact_motion

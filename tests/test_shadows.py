@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laboratory import shadows
+import surfaces as shadows
 from test_surface import STILL, TETRAHEDRON, unit
 
 import midlie_jax as ml

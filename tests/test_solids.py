@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import solids
 from cases import DTYPES, epsilon
-from laboratory import solids
-from laboratory.solids import NeoHookean, angular_momentum
+from solids import NeoHookean, angular_momentum
 
 import midlie_jax as ml
 

@@ -8,7 +8,7 @@ from cases import benchmark
 import midlie_jax as ml
 from midlie_jax.model import so3
 
-didymos = benchmark("laboratory.didymos")
+didymos = benchmark("binaries")
 STILL = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
 SUN, AU = 1.32712440018e20, 1.495978707e11
 ORBIT = ml.orbits.KeplerOrbit.from_elements(

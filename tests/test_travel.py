@@ -203,7 +203,7 @@ FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[
 @pytest.mark.parametrize("name", [*FEW_SYMPLECTIC, *whole(*(n for n in SYMPLECTIC if n not in FEW_SYMPLECTIC))])
 def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
     """M^T W1 M = W0 to rounding where the flight is symplectic; LIEMID misses it, as on a body that stays."""
-    canonical = benchmark("laboratory.claims.structure").canonical
+    canonical = benchmark("claims").canonical
     state, h = start("free"), jnp.asarray(0.1)
 
     def end(increment):

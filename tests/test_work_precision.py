@@ -8,13 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laboratory import frontier, kinds, rivals, work_precision
-from laboratory import scenes as all_scenes
-from laboratory.frontier import FAMILIES, family
-from laboratory.frontier_chart import work_precision_figure
-from laboratory.rivals import heyoka_taylor, problem, runge_kutta
-from laboratory.rivals.lie_group import CF4, RKMK4
-from laboratory.rivals.problem import Point
+import work_precision
+from laboratory import rivals
+from laboratory.rivals import CF4, RKMK4, Point
+from work_precision import FAMILIES, family, work_precision_figure
 
 import midlie_jax as ml
 from midlie_jax.advice.program import Program
@@ -23,6 +20,9 @@ from midlie_jax.integrators.registry import entries
 from midlie_jax.integrators.runge_kutta import DOP853, RK4
 from midlie_jax.integrators.system import Motion, System
 from midlie_jax.model.free_body import Momenta
+
+frontier = work_precision
+kinds = all_scenes = heyoka_taylor = problem = runge_kutta = rivals
 
 
 @pytest.mark.sample(0)

@@ -15,29 +15,15 @@ from numpy.typing import NDArray
 def free_body(
     moments: Any, momentum: Any, attitude: Any, times: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Momentum and attitude of a torque-free rigid body at the given times.
+    """Momenta (n, 3) in the body frame and unit quaternions (n, 4), w first, body to space, at times in any order.
 
-    The body starts at time 0 and obeys Pi' = Pi x I^-1 Pi, R' = R skew(I^-1 Pi).
+    The body starts at time 0 and obeys Pi' = Pi x I^-1 Pi, R' = R skew(I^-1 Pi). Moments are positive, in any order;
+    the attitude need not be normalised, and the quaternions follow it continuously. The inputs are treated as exact, so
+    large times lose no accuracy; the result is good to a few units in the last place, also near and on the separatrix.
 
-    **Arguments:**
-
-    - `moments`: (3,) positive principal moments in any order. They need not obey the triangle inequality.
-    - `momentum`: (3,) angular momentum Pi in the body frame at time 0.
-    - `attitude`: (4,) quaternion (w, x, y, z), body to space, at time 0; need not be normalised.
-    - `times`: (n,) in any order, may be negative.
-
-    **Returns:** momenta (n, 3) in the body frame and unit quaternions (n, 4), body to space. The quaternion follows
-    the motion continuously from `attitude`: it does not jump to its negative.
-
-    **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for bodies
-    with two or three moments equal, exactly or to rounding. The inputs are treated as exact fractions, so large times
-    lose no accuracy. Near an unstable spin, where the motion depends strongly on the inputs, the result is the motion
-    of exactly these float64 numbers. Each time takes a few ms.
-
-    **Sources:** momentum by Jacobi's elliptic functions; the angle about the conserved spatial momentum is an
-    elliptic integral of the third kind. E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30
-    (2008) 2084; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145; B. C. Carlson, Numer. Algorithms 10
-    (1995) 13 for R_F and R_J; E. T. Whittaker, Analytical Dynamics, section 69.
+    The momentum is by Jacobi's elliptic functions, the angle about the spatial momentum by an elliptic integral of the
+    third kind. E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; R. van Zon,
+    J. Schofield, J. Comput. Phys. 225 (2007) 145; B. C. Carlson, Numer. Algorithms 10 (1995) 13 for R_F and R_J.
     """
     inertia, start, quaternion = ([Fraction(float(x)) for x in values] for values in (moments, momentum, attitude))
     instants = np.asarray(times, dtype=np.float64)

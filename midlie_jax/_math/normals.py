@@ -7,8 +7,8 @@ the variance by less than 1e-7. Compilers differ in the last places, in contract
 
 The words are mixed as in pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU rendering, J. Comput. Graph. Tech.
 9(3), 2020). pcg4d itself is too weak for keys, because its low output bits do not depend on the highest input bits.
-Here words are folded first, and the result last; each input bit then changes each output bit with probability 1/2.
-`benchmarks/random_numbers.py` feeds statistical tests, and times other generators.
+Here words are folded first, and the result last; each input bit then changes
+each output bit with probability 1/2.
 """
 
 import math

@@ -1,6 +1,6 @@
 """The measured limits by which a run is divided for XLA: its loops, prepared inputs, chunks and kept states.
 
-`python benchmarks/budgets.py` times typical runs with each limit at half, as it is, and doubled, and
+`python benchmarks/compiler_options.py limits` times typical runs with each limit at half, as it is, and doubled, and
 `tests/test_compiled.py` counts the loops. How many flights fit one loop is a property of the flight, `per_loop`.
 """
 
@@ -21,7 +21,7 @@ WRITTEN_ROWS = 16  # of a sum over a table, such as the facets of a surface, wri
 # operations in one loop, a step takes 40 times the time of two loops of half that length. On a GPU longer kernels
 # are also divided.
 LOOP_OPERATIONS, KERNEL_OPERATIONS = 2800, 2000
-# Operations of a derivative for each of a step, by `benchmarks/stepper.py gradient`: by the state and a few parameters,
+# Operations of a derivative for each of a step, by `benchmarks/speed.py gradient`: by the state and a few parameters,
 # or by more than these.
 DERIVATIVE_OPERATIONS, DERIVATIVE_OPERATIONS_OF_MANY, FEW_PARAMETERS = 2, 4, 4
 # Outputs of a loop in a derivative. XLA does not fuse a value that more outputs read, and repeats the loop for it.
@@ -47,7 +47,7 @@ PREPARED_BYTES = 2**26  # of a table; larger ones are recomputed in every chunk
 
 CHUNK = 256  # bodies moved at once on one core
 # The same for a state of more numbers than `LARGE_STATE`. Its arrays then do not begin at multiples of 2 KiB, where
-# they would share a few sets of the first-level cache (`benchmarks/kinds_of_state.py`).
+# they would share a few sets of the first-level cache (`benchmarks/speed.py kinds`).
 LARGE_CHUNK, LARGE_STATE = 376, 12
 CHUNK_NUMBERS = 26 * LARGE_CHUNK  # of states moved at once; only a few replicas of many coupled bodies
 VECTOR = 8  # bodies: chunks whose size is not a multiple of this took up to 4 times longer
@@ -56,7 +56,7 @@ VECTOR = 8  # bodies: chunks whose size is not a multiple of this took up to 4 t
 
 # Counts of numbers per body. The states that a derivative keeps are written to memory and read again. If the kept
 # states of a few hundred bodies fit the last-level cache, this is faster than recomputing the steps; otherwise it is
-# slower. The steps between two kept states should fit the second-level cache (`benchmarks/gradients.py`).
+# slower. The steps between two kept states should fit the second-level cache (`benchmarks/speed.py gradients`).
 KEPT_ALL, KEPT_BETWEEN = 10_240, 1024
 SHORTEST_BETWEEN = 8  # steps between two kept states
 REVERSED_INTERVALS = 16  # between the states that a reversible run keeps

@@ -28,8 +28,7 @@ class Rates(NamedTuple):
     """The rates of change of a state, in two forms.
 
     Other solvers use `ambient`; `LieSolver` moves on the group and uses velocity and torque. Recovering these from the
-    ambient derivative would need a division by the attitude, without measurable loss of accuracy, even in float32
-    (`benchmarks/diffrax_pipeline.py float32`).
+    ambient derivative would need a division by the attitude, without measurable loss of accuracy, even in float32.
 
     Attributes:
         ambient: the derivative of the arrays of the state, as a state of the same class.

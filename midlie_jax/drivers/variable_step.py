@@ -8,7 +8,7 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
-the same steps backwards. `python benchmarks/adaptive.py` measures when it pays.
+the same steps backwards. `python benchmarks/rounding.py variable` measures when it pays.
 
 The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
 and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for

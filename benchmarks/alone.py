@@ -2,8 +2,7 @@
 
 The last paragraph of a program, after its last empty line, is the run; what stands before it is done once. Times are
 processor times, with those of programs that it starts. The first run is the whole program without its imports (what
-stands before its last import) and without the start of JAX; whatever a program compiles is in it. The process has the
-cores of the one that starts it: `timing.pin()` there holds it to one.
+stands before its last import) and without the start of JAX; whatever a program compiles is in it.
 """
 
 import ast
@@ -25,11 +24,7 @@ _LONGEST = 3.0  # seconds of repeated runs after which no further one starts
 
 
 class Outcome(NamedTuple):
-    """Attributes:
-    first: seconds of the first run.
-    later: seconds of the last paragraph, the median of later runs; NaN if there were none.
-    values: the quantities with which the program ends, by name.
-    """
+    """Seconds of the first run and of the last paragraph (median of later runs; NaN without), and what it ends with."""
 
     first: float
     later: float
@@ -37,13 +32,7 @@ class Outcome(NamedTuple):
 
 
 def run(code: str, names: Sequence[str] = ("times", "attitude"), later: int = 0) -> Outcome:
-    """Runs a program in an empty folder.
-
-    Args:
-        code: the program.
-        names: the quantities with which it ends.
-        later: largest number of later runs of its last paragraph.
-    """
+    """Runs a program in an empty folder, and its last paragraph at most `later` times again."""
     with tempfile.TemporaryDirectory() as folder:
         kept, place = Path(folder, "kept.npz"), Path(folder, "empty")
         place.mkdir()
@@ -62,13 +51,11 @@ def run(code: str, names: Sequence[str] = ("times", "attitude"), later: int = 0)
 
 
 def parts(code: str) -> tuple[str, str]:
-    """What of a program is done once, with the empty line after it, and the run: its last paragraph."""
     once, _, again = code.rstrip().rpartition("\n\n")
     return once + "\n\n", again
 
 
 def _processor_time() -> float:
-    """Seconds of this process and of those that it started and that have ended."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
