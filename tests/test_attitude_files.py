@@ -69,7 +69,7 @@ DATA_START
 1996-12-28T21:28:00.5555 -0.25485 0.58745  -0.36845  0.67394
 DATA_STOP
 """
-# Example G-5 of CCSDS 504.0-B-2.
+# Example G-5 of CCSDS 504.0-B-2, its first rows.
 SPIN = """\
 CCSDS_AEM_VERS = 2.0
 CREATION_DATE  = 2008-071T17:09:49
@@ -96,10 +96,6 @@ COMMENT        Spin KF ground solution, SPINKF rates
   2006-090T05:00:00.196  2.6863990e+002  6.8432197e+001  1.4593720e+002 -1.0996493e+002
   2006-090T05:00:00.321  2.6864591e+002  6.8412960e+001  1.3218766e+002 -1.0996455e+002
   2006-090T05:00:00.446  2.6863697e+002  6.8392049e+001  1.1845280e+002 -1.0996402e+002
-  2006-090T05:00:00.571  2.6861072e+002  6.8371266e+001  1.0473305e+002 -1.0996370e+002
-  2006-090T05:00:00.696  2.6856625e+002  6.8353279e+001  9.1030304e+001 -1.0996339e+002
-  2006-090T05:00:00.821  2.6850631e+002  6.8340398e+001  7.7341548e+001 -1.0996317e+002
-  2006-090T05:00:00.946  2.6843571e+002  6.8332398e+001  6.3662262e+001 -1.0996304e+002
 DATA_STOP
 """
 # Its first segment as in the example of CCSDS 504.0-B-1, which says the direction and the place of the scalar.
@@ -192,14 +188,13 @@ def test_the_direction_and_the_place_of_the_scalar_of_version_1(tmp_path):
 
 
 @pytest.mark.sample(4)
-@pytest.mark.parametrize("version", ["2.0", "1.0"])
-@pytest.mark.parametrize("form", ["quaternion", "ZXZ", "321", "YZX", "spin"])
+@pytest.mark.parametrize(
+    ("form", "version"), [("quaternion", "2.0"), ("ZXZ", "1.0"), ("321", "2.0"), ("spin", "2.0"), ("quaternion", "1.0")]
+)
 def test_random_attitudes_come_back(tmp_path, version, form):
     """A thousand, at times of which most are no multiples of a second."""
-    times, momenta = (
-        np.sort(np.random.default_rng(1).uniform(0, 1e4, 1000)),
-        np.random.default_rng(2).normal(size=(1000, 3)),
-    )
+    rng = np.random.default_rng(1)
+    times, momenta = np.sort(rng.uniform(0, 1e4, 1000)), rng.normal(size=(1000, 3))
     options = {"form": form} if form in ("quaternion", "spin") else {"form": "euler", "sequence": form}
     if form == "spin":
         options["body"] = ml.RigidBody([1.0, 2.0, 2.5])
@@ -273,47 +268,30 @@ WRONG = {
         "line 1: CCSDS_AEM_VERS must be 1.0 or 2.0, got '3.0'",
     ),
     "XML": ("<?xml version='1.0'?>", "is XML"),
-    "no originator": (QUATERNIONS.replace("ORIGINATOR = NASA/JPL\n", ""), "line 5: the header above has no ORIGINATOR"),
     "an unknown frame": (QUATERNIONS.replace("EME2000", "EME200O", 1), "line 11: .*'EME200O'.*did you mean 'EME2000'"),
-    "no frame": (QUATERNIONS.replace("REF_FRAME_A     = EME2000\n", "", 1), "line 20: .* have no REF_FRAME_A"),
     "no direction": (OLD.replace("ATTITUDE_DIR = A2B\n", ""), "have no ATTITUDE_DIR"),
-    "another direction": (OLD.replace("= A2B", "= A2C"), "ATTITUDE_DIR: must be A2B or B2A, got 'A2C'"),
-    "a direction in version 2": (
-        QUATERNIONS.replace("TIME_SYSTEM", "ATTITUDE_DIR = A2B\nTIME_SYSTEM", 1),
-        "unknown keyword",
-    ),
     "a word that is misspelt": (
         QUATERNIONS.replace("CENTER_NAME", "CENTRE_NAME", 1),
         "line 10: .*did you mean 'CENTER_NAME'",
     ),
     "a word twice": (QUATERNIONS.replace("CENTER_NAME ", "OBJECT_ID ", 1), "line 10: OBJECT_ID occurs a second time"),
-    "a word without a value": (QUATERNIONS.replace("1996-062A", "", 1), "line 9: OBJECT_ID has no value"),
     "a time system": (QUATERNIONS.replace("= UTC", "= MET", 1), "line 13: TIME_SYSTEM: unknown time system 'MET'"),
-    "a type of version 1": (QUATERNIONS.replace("= QUATERNION", "= QUATERNION/RATE", 1), "unknown ATTITUDE_TYPE"),
     "no sequence": (SPIN.replace("= SPIN", "= EULER_ANGLE"), "have no EULER_ROT_SEQ"),
-    "a sequence that is none": (
-        SPIN.replace("= SPIN", "= EULER_ANGLE\nEULER_ROT_SEQ = 311"),
-        "EULER_ROT_SEQ: must be three axes",
-    ),
     "a number too few": (
         QUATERNIONS.replace("  0.68427", ""),
         "line 24: QUATERNION needs an epoch and 4 numbers, got 3",
     ),
-    "no number": (QUATERNIONS.replace("0.68427", "O.68427"), "line 24: must hold finite numbers, got 'O.68427'"),
     "not of length one": (
         QUATERNIONS.replace("0.68427", "0.78427"),
         "line 24: the quaternion must have length 1 to 0.001",
     ),
     "no epoch": (QUATERNIONS.replace(FIRST, "28.11.1996 0.56748"), "line 24: the epoch must be an epoch such as"),
-    "no day": (QUATERNIONS.replace("11-28T22:08:03", "11-31T22:08:03"), "line 25: the epoch must be an existing date"),
     "not ascending": (QUATERNIONS.replace("28T22:08:04", "28T22:08:03"), "line 26: epochs must ascend"),
     "before the start": (
         QUATERNIONS.replace(FIRST, "1996-11-28T21:29:07.2554 0.56748"),
         "line 24: .*not between START",
     ),
-    "no end": (QUATERNIONS.replace("DATA_STOP\n\nMETA", "\nMETA"), "line 29: QUATERNION needs"),
     "cut": (QUATERNIONS[:-60], "the file ends before DATA_STOP|needs an epoch"),
-    "empty": ("", "line 1: must be"),
 }
 
 
@@ -352,24 +330,15 @@ STATE = ml.RigidState(np.zeros((3, 3)), RANDOM[:3])
     [
         ({"ref_frame_a": "SC_BODY_1", "ref_frame_b": "EME2000"}, "exchange them"),
         ({"ref_frame_a": "SPACE"}, "unknown frame of ref_frame_a 'SPACE'"),
-        ({"epoch": "yesterday"}, "epoch must be an epoch such as"),
         ({"epoch": datetime(2026, 1, 1, tzinfo=UTC)}, "epoch must have no time zone"),
-        ({"time_system": "LOCAL"}, "unknown time system 'LOCAL'"),
         ({"time_unit": "sec"}, "unknown time_unit 'sec'"),
-        ({"time_unit": -1.0}, "positive number of seconds"),
         ({"time_unit": "ns", "times": [0.0, 0.1, 0.2]}, "ascend by more than a nanosecond"),
-        ({"times": [0.0, 2.0, 1.0]}, "times must ascend"),
         ({"times": [0.0, 1.0]}, r"times must have shape \(3,\)"),
-        ({"times": None}, "a state with times="),
         ({"form": "matrix"}, "unknown form"),
         ({"form": "euler"}, "give it only with form='euler'"),
-        ({"sequence": "ZYX"}, "give it only with form='euler'"),
         ({"form": "euler", "sequence": "ZZX"}, "sequence must be three axes"),
         ({"form": "spin"}, "needs the body of the run"),
         ({"object_name": "two\nlines"}, "object_name must be one line"),
-        ({"originator": ""}, "originator must be one line"),
-        ({"version": "3.0"}, "unknown version"),
-        ({"run": ml.MomentumState(np.zeros((3, 3)))}, "a MomentumState with none"),
         (
             {"run": ml.RigidState(np.zeros((3, 2, 3)), np.tile(RANDOM[:3, None], (1, 2, 1)))},
             "select one body of a batch",
@@ -382,17 +351,6 @@ def test_what_cannot_be_written_is_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         attitudes.write(options.pop("run"), tmp_path / "no.aem", **options)
     assert not (tmp_path / "no.aem").exists()
-
-
-def test_what_the_command_needs(tmp_path, capsys):
-    file = str(tmp_path / "run.npz")
-    for options, message in (
-        (["--format", "aem"], "--format aem needs --epoch, --time-system, --time-unit, --object-name"),
-        (["--epoch", "2026-01-01T00:00:00"], "--epoch needs --format aem"),
-        (["--out", str(tmp_path / "a.aem")], "give --format aem"),
-    ):
-        assert main(["export", file, *options]) == 2
-        assert message in capsys.readouterr().err
 
 
 def test_brahe_reads_what_is_written_here_and_writes_what_is_read(tmp_path):

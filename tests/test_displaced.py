@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import coupled_cases
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,12 +65,8 @@ SYSTEMS = {
         ml.ParticleState(momentum=jnp.array([0.3, 0.8]), position=jnp.array([0.7, -0.4])),
     ),
     **{
-        f"travelling, {kind}": (of.body("float64"), travel_cases.forced(1.3), travel_cases.start(kind))
+        f"moving, {kind}": (of.body("float64"), travel_cases.forced(1.3), travel_cases.start(kind))
         for kind, of in travel_cases.KINDS.items()
-    },
-    **{
-        f"coupled, {kind}": (of.body("float64"), coupled_cases.forced(0.4), coupled_cases.start(kind))
-        for kind, of in coupled_cases.KINDS.items()
     },
 }
 

@@ -1,15 +1,13 @@
 """Bodies in a heat bath: what its stage does exactly, the distributions of Maxwell and Boltzmann, random numbers."""
 
 from functools import partial
-from typing import Any
 from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
-from cases import DTYPES, REAL, RIGID_FLIGHTS, quick, real
+from cases import REAL, quick, real
 from scipy.linalg import expm
 
 import midlie_jax as ml
@@ -83,57 +81,6 @@ def test_a_stage_of_the_bath_is_the_solution_of_its_equations(rank, time):
         np.testing.assert_allclose(spread @ spread.T, KT * (inertia - kept @ inertia @ kept.T), atol=2e-12)
 
 
-def test_numbers_are_tensors_of_that_diagonal_and_axes_are_symmetric_bodies():
-    body, time, root = ml.RigidBody(MOMENTS), jnp.asarray(0.4), None
-    for friction in ([0.3, 1.1, 0.0], [0.8, 0.8, 0.8]):
-        of_tensor = exposures(body, None, jnp.diag(jnp.array(friction)), None, time, root)
-        of_numbers = exposures(body, None, jnp.array(friction), None, time, root)
-        for matrix, numbers in zip(of_tensor, of_numbers, strict=True):
-            np.testing.assert_allclose(np.array(matrix), np.diag(numbers), atol=1e-15)
-    of_number = exposures(body, None, jnp.asarray(0.8), None, time, root)
-    np.testing.assert_array_equal(np.array(of_numbers), np.array(of_number))
-
-
-def test_the_momentum_after_one_stage_has_the_stated_covariance():
-    """Of bodies at rest, under a tensor of friction, in a frame of the user."""
-    friction, time = tensors(1, seed=3)[0], 0.4
-    inertia = 0.2 * tensors(1, seed=4)[0] + 2 * np.eye(3)
-    body = ml.TensorBody(inertia)
-    table = schemes.Scheme("flight before the bath", 1, ((FLIGHT, 1.0), (BATH, 1.0)))
-    bath = Langevin(KT, friction, keys(MANY))
-    path = ensemble(ml.method("JACOBI", table), body, None, at_rest(MANY), dt=time, steps=1, bath=bath)
-    kept = expm(-friction @ np.linalg.inv(inertia) * time)
-    wanted = KT * (inertia - kept @ inertia @ kept.T)
-    momentum = np.asarray(path.states.momentum)
-    assert bool(path.ok.all())
-    found = momentum.T @ momentum / MANY
-    error = np.sqrt((np.outer(np.diag(wanted), np.diag(wanted)) + wanted**2) / MANY)
-    assert np.all(np.abs(found - wanted) < 3.5 * error)
-    assert np.all(np.abs(momentum.mean(0)) < 3.5 * np.sqrt(np.diag(wanted) / MANY))
-
-
-def heated(flight, dtype):
-    """Free bodies that were ten times too hot, after more than ten relaxation times."""
-    moments = MOMENTS if flight.moves(jnp.asarray(MOMENTS)) else np.array([2.0, 2.0, 0.9])
-    bath = Langevin(jnp.asarray(KT, dtype), jnp.asarray([1.0, 2.0, 0.9], dtype), keys(MANY))
-    start, run = at_rest(MANY, dtype, hot=True, moments=moments), {"dt": 0.1, "steps": 300, "bath": bath}
-    return moments, ensemble(f"{flight.name}[BAOAB]", body_in(dtype, moments), None, start, **run)
-
-
-FREE_RUNS = list(zip(RIGID_FLIGHTS, DTYPES * 9, strict=False))  # the dtypes by turns
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("flight", "dtype"), FREE_RUNS, ids=lambda x: getattr(x, "name", x))
-def test_free_bodies_come_to_the_maxwell_distribution(flight, dtype):
-    moments, path = heated(flight, dtype)
-    assert bool(path.ok.all())
-    close_to_one(np.asarray(path.states.momentum, float) ** 2 / (KT * moments))
-
-
-# Where two steps share an iteration of the loop, the last one of an odd number is in a loop of its own.
-
-
 def kinds(count):
     """States of every kind with the square of each momentum over its mean, (n, k): all should be 1."""
     rest, z = at_rest(count), jnp.zeros((count, 3))
@@ -156,17 +103,13 @@ def kinds(count):
         return ml.CoupledState(*few), lambda s: travelling(turning)(s).reshape(-1, 6)
 
     tilted = Langevin(KT, tensors(1)[0] + jnp.eye(3), keys(count), tensors(1, seed=2)[0] + jnp.eye(3))
-    plain, both = Langevin(KT, FRICTION, keys(count)), Langevin(KT, FRICTION, keys(count), 0.8)
+    plain = Langevin(KT, FRICTION, keys(count))
     symmetric = Langevin(KT, [1.0, 1.0, 0.5], keys(count), [1.0, 1.0, 2.0])
     rotor = ml.SymmetricRotor(2.0, 0.9)
     return {
         "momentum": (rigid, plain, ml.MomentumState(z), turning),
-        "kT of time": (rigid, Langevin(lambda t: jnp.full_like(t, KT), FRICTION, keys(count)), rest, turning),
-        "direction": (rigid, plain, ml.DirectionState(z, up), turning),
         "compensated": (rigid, plain, ml.CompensatedState(z, rest.attitude), turning),
-        "free": (free, both, ml.FreeState(z, rest.attitude, z, z), travelling(turning)),
         "free, tensors": (free, tilted, ml.FreeState(z, rest.attitude, z, z), travelling(turning)),
-        "axis": (rotor, plain, ml.AxisState(z, up), axis),
         "free axis": (ml.FreeBody(rotor, 3.0), symmetric, ml.FreeAxisState(z, up, z, z), travelling(axis)),
         "two": (free, Langevin(KT, FRICTION, keys(count // 2), 0.8), *coupled(2)),
         "five": (free, Langevin(KT, FRICTION, keys(count // 5), 0.8), *coupled(5)),
@@ -174,7 +117,11 @@ def kinds(count):
 
 
 def method_for(kind):
-    return "SYMMETRIC[BAOAB]" if "axis" in kind else "JACOBI[BAOAB]"
+    return (
+        "SYMMETRIC[BAOAB]"
+        if "axis" in kind
+        else {"compensated": "LIEMID[BAOAB]", "free, tensors": "DLM[BAOAB]"}.get(kind, "JACOBI[BAOAB]")
+    )
 
 
 @pytest.mark.sample(0)
@@ -183,6 +130,7 @@ def test_every_kind_of_state_comes_to_the_maxwell_distribution(kind):
     body, bath, start, squares = kinds(MANY)[kind]
     path = ensemble(method_for(kind), body, None, start, dt=0.2, steps=120, bath=bath)
     assert bool(path.ok.all())
+    assert len(np.unique(np.asarray(path.states.momentum))) > 3 * MANY - 100  # bodies of a set have noise of their own
     close_to_one(squares(path.states), errors=3.5)
 
 
@@ -195,21 +143,12 @@ def test_a_linear_molecule_does_not_spin(bath):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("scheme", "x"), [("BAOAB", 2.0), ("OBABO", 0.5), ("ABOBA", 10.0)])
-def test_a_dipole_in_a_field_points_as_langevin_says(scheme, x):
+def test_a_dipole_in_a_field_points_as_langevin_says():
     """<cos theta> = coth x - 1/x; the errors of the steps, of order (h omega)^2/20, are below the sampling error."""
-    count, moments = 2048, np.array([2.0, 2.0, 0.9])
-    path = ensemble(
-        f"SYMMETRIC[{scheme}]",
-        ml.RigidBody(moments),
-        ml.torques.HeavyTop(-x * KT),
-        at_rest(count),
-        bath=Langevin(KT, FRICTION, keys(count)),
-        dt=0.2 / np.sqrt(x),
-        steps=600,
-        save_every=30,
-        observe=ml.observe.Axis(),
-    )
+    count, x, body = 2048, 2.0, ml.RigidBody([2.0, 2.0, 0.9])
+    run = {"dt": 0.2 / np.sqrt(x), "steps": 600, "save_every": 30, "bath": Langevin(KT, FRICTION, keys(count))}
+    field, observe = ml.torques.HeavyTop(-x * KT), ml.observe.Axis()
+    path = ensemble("SYMMETRIC[BAOAB]", body, field, at_rest(count), observe=observe, **run)
     cosine = np.asarray(path.states)[:, 6:, 2].mean(1)  # of each body, after nine relaxation times
     error = cosine.std() / np.sqrt(count)
     assert abs(cosine.mean() - (1 / np.tanh(x) - 1 / x)) < 3 * error + 2e-3
@@ -230,67 +169,45 @@ def test_the_averages_in_a_harmonic_well_are_those_of_theory(scheme):
     dt = omega_h / np.sqrt(stiffness / mass)
     rest, z = at_rest(MANY), jnp.zeros((MANY, 3))
     well = ml.torques.FromPotential(lambda t, state: stiffness / 2 * jnp.sum(state.position**2))
-    path = ensemble(
-        f"JACOBI[{scheme}]",
-        ml.FreeBody(ml.RigidBody(MOMENTS), mass),
-        well,
-        ml.FreeState(z, rest.attitude, z, z),
-        bath=Langevin(KT, FRICTION, keys(MANY), 2.0),
-        dt=dt,
-        steps=40,
-    )
+    body, start = ml.FreeBody(ml.RigidBody(MOMENTS), mass), ml.FreeState(z, rest.attitude, z, z)
+    bath = Langevin(KT, FRICTION, keys(MANY), 2.0)
+    path = ensemble(f"JACOBI[{scheme}]", body, well, start, bath=bath, dt=dt, steps=40)
     position, linear = WELL[scheme](omega_h**2 / 4)
     close_to_one(stiffness * path.states.position**2 / (KT * position))
     close_to_one(path.states.linear**2 / (mass * KT * linear))
 
 
+SPHERE = ml.RigidBody([2.0, 2.0, 2.0])
+
+
 @pytest.mark.sample(0)
 def test_a_temperature_that_depends_on_time_is_that_of_the_time():
-    """Constant, it is a temperature; and in a weak bath that cools as exp(-t), the energy is what its equation says."""
-    start, friction = at_rest(MANY), 2.0
-    constant, function = (
-        ensemble("JACOBI[BAOAB]", body_in("float64"), None, start, dt=0.1, steps=20, bath=bath)
-        for bath in (Langevin(kT, friction, keys(MANY)) for kT in (KT, lambda t: jnp.full_like(t, KT)))
-    )
-    np.testing.assert_allclose(constant.states.momentum, function.states.momentum, rtol=1e-9, atol=1e-12)
-    cooling = Langevin(lambda t: KT * jnp.exp(-t), friction, keys(MANY))
-    sphere = body_in("float64", np.array([2.0, 2.0, 2.0]))
-    end = ensemble("JACOBI[OBABO]", sphere, None, start, dt=0.02, steps=100, bath=cooling).states
-    # d<Pi^2>/dt = -2 g <Pi^2> + 2 g kT I with g = friction/I = 1: <Pi^2> = kT I 2 (exp(-t) - exp(-2 t)).
+    """In a weak bath that cools as exp(-t) the energy is what its equation says.
+
+    d<Pi^2>/dt = -2 g <Pi^2> + 2 g kT I with g = friction/I = 1: <Pi^2> = kT I 2 (exp(-t) - exp(-2 t)).
+    """
+    cooling = Langevin(lambda t: KT * jnp.exp(-t), 2.0, keys(MANY))
+    end = ensemble("JACOBI[OBABO]", SPHERE, None, at_rest(MANY), dt=0.02, steps=100, bath=cooling).states
     close_to_one(end.momentum**2 / (2 * KT * 2 * (np.exp(-2.0) - np.exp(-4.0))))
 
 
-def falling(t):
-    return 2 / (1 + t)
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("form", [1.0, np.ones(3), np.eye(3)], ids=["number", "three numbers", "tensor"])
+@pytest.mark.parametrize("form", [1.0, np.eye(3)], ids=["number", "tensor"])
 def test_a_friction_that_depends_on_time_is_that_of_the_time(form):
     """Constant, it is a friction; and from rest <Pi^2> = kT I (1 - exp(-2 integral of G/I)), with G = 2/(1 + t)."""
-    start, sphere = at_rest(MANY), body_in("float64", np.array([2.0, 2.0, 2.0]))
 
     def end(friction):
         run = {"dt": 0.05, "steps": 30, "bath": Langevin(KT, friction, keys(MANY))}
-        return ensemble("JACOBI[BAOAB]", sphere, None, start, **run).states.momentum
+        return ensemble("JACOBI[BAOAB]", SPHERE, None, at_rest(MANY), **run).states.momentum
 
     np.testing.assert_allclose(end(lambda t: jnp.asarray(form * 2)), end(form * 2), rtol=1e-9, atol=1e-12)
-    close_to_one(end(lambda t: falling(t) * jnp.asarray(form)) ** 2 / (2 * KT * (1 - 2.5**-2)))
+    close_to_one(end(lambda t: 2 / (1 + t) * jnp.asarray(form)) ** 2 / (2 * KT * (1 - 2.5**-2)))
 
 
 @pytest.mark.sample(0)
-def test_baths_at_one_temperature_are_one_bath():
-    """Maxwell's distribution at steps of any length, also if the baths share their keys."""
-    gas, other = (Langevin(KT, friction, keys(MANY)) for friction in (tensors(1)[0], [3.0, 0.5, 1.0]))
-    path = ensemble("JACOBI[OBABO]", body_in("float64"), None, at_rest(MANY), dt=1.5, steps=40, bath=gas + other)
-    close_to_one(np.asarray(path.states.momentum) ** 2 / (KT * MOMENTS))
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("x", [0.1, 1.5])
-def test_gas_and_recoil_heat_a_sphere_as_their_equation_says(x):
+def test_gas_and_recoil_heat_a_sphere_as_their_equation_says():
     """<Pi^2> = I (kT + D/G x/sinh(x)), for the rotation and the translation; the equation has x -> 0."""
-    count, diffusion, z = MANY // 2, 2.0, jnp.zeros((MANY // 2, 3))
+    count, diffusion, x, z = MANY // 2, 2.0, 1.5, jnp.zeros((MANY // 2, 3))
     bath = Langevin(KT, FRICTION, keys(count), FRICTION) + ml.baths.Recoil(diffusion, keys(count, 2), diffusion)
     body, start = ml.FreeBody(ml.RigidBody(np.ones(3)), 1.0), ml.FreeState(z, at_rest(count).attitude, z, z)
     states = ensemble("JACOBI[BAOAB]", body, None, start, dt=x / FRICTION, steps=int(8 / x), bath=bath).states
@@ -300,28 +217,27 @@ def test_gas_and_recoil_heat_a_sphere_as_their_equation_says(x):
 
 @pytest.mark.sample(0)
 def test_two_gases_have_the_mean_temperature_weighted_with_their_frictions():
-    """g kT = g_1 kT_1 + g_2 kT_2; at x = G h/I = 0.04 the error of the sum, x^2/6, is far below the sampling error."""
-    bath = Langevin(KT, 1.0, keys(MANY)) + Langevin(5 * KT, 3.0, keys(MANY, 2))
-    sphere = body_in("float64", np.ones(3))
-    path = ensemble("JACOBI[BAOAB]", sphere, None, at_rest(MANY), dt=0.01, steps=300, bath=bath)
+    """g kT = g_1 kT_1 + g_2 kT_2, also if they share their keys.
+
+    At x = G h/I = 0.04 the error of the sum, x^2/6, is far below the sampling error.
+    """
+    bath = Langevin(KT, 1.0, keys(MANY)) + Langevin(5 * KT, 3.0, keys(MANY))
+    path = ensemble("JACOBI[BAOAB]", ml.RigidBody(np.ones(3)), None, at_rest(MANY), dt=0.01, steps=300, bath=bath)
     close_to_one(path.states.momentum**2 / (4 * KT))
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("kind", ["rigid", "frame of a user", "compensated", "free", "axis", "free axis", "five"])
+@pytest.mark.parametrize("kind", ["frame of a user", "compensated", "free axis", "five"])
 def test_recoil_is_fixed_in_space(kind):
-    """The covariance of the momenta in space grows as 2 D t while bodies turn, in every kind of state."""
+    """The covariance of the momenta in space grows as 2 D t while bodies turn."""
     count, dt, steps = MANY, 0.1, 5
     q, z = jnp.tile(ml.so3.exp(jnp.array([0.4, -0.9, 0.5])), (count, 1)), jnp.zeros((count, 3))
-    up, rigid, rotor = ml.so3.rotate(q, z.at[:, 2].set(1)), ml.RigidBody(MOMENTS), ml.SymmetricRotor(2.0, 0.9)
-    few = [x.reshape(-1, 4, x.shape[-1]) for x in (z, q, z, z)]
+    rigid, few = ml.RigidBody(MOMENTS), [x.reshape(-1, 4, x.shape[-1]) for x in (z, q, z, z)]
+    free_axis = ml.FreeAxisState(z, ml.so3.rotate(q, z.at[:, 2].set(1)), z, z)
     body, start = {
-        "rigid": (rigid, ml.RigidState(z, q)),
         "frame of a user": (ml.TensorBody(tensors(1)[0] + 3 * np.eye(3)), ml.RigidState(z, q)),
         "compensated": (rigid, ml.CompensatedState(z, q)),
-        "free": (ml.FreeBody(rigid, 3.0), ml.FreeState(z, q, z, z)),
-        "axis": (rotor, ml.AxisState(z, up)),
-        "free axis": (ml.FreeBody(rotor, 3.0), ml.FreeAxisState(z, up, z, z)),
+        "free axis": (ml.FreeBody(ml.SymmetricRotor(2.0, 0.9), 3.0), free_axis),
         "five": (ml.FreeBody(rigid, 3.0), ml.CoupledState(*few)),
     }[kind]
     linear = IN_SPACE[::-1, ::-1] if hasattr(start, "linear") else None
@@ -330,32 +246,15 @@ def test_recoil_is_fixed_in_space(kind):
     assert bool(path.ok.all())
     momentum = path.states.momentum
     found = [(IN_SPACE, momentum if "axis" in kind else ml.so3.rotate(path.states.attitude, momentum))]
-    if linear is not None:
-        found.append((linear, path.states.linear))
+    found += [] if linear is None else [(linear, path.states.linear)]
     for diffusion, momentum in found:
         momentum, wanted = np.asarray(momentum).reshape(-1, 3), 2 * diffusion * dt * steps
         error = np.sqrt((np.outer(np.diag(wanted), np.diag(wanted)) + wanted**2) / count)
         assert np.all(np.abs(momentum.T @ momentum / count - wanted) < 3.5 * error)
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_a_bath_around_a_step_without_friction_is_that_step(dtype):
-    """To the bit."""
-    run = body_in(dtype), ml.torques.HeavyTop(jnp.asarray(1.5, dtype)), at_rest(8, dtype, hot=True)
-    heated = ensemble("JACOBI[OBABO]", *run, dt=0.1, steps=20, bath=Langevin(KT, 0.0, keys(8)))
-    plain = ensemble("JACOBI[EA]", *run, dt=0.1, steps=20)
-    jax.tree.map(np.testing.assert_array_equal, heated.states, plain.states)
-
-
 def last_of(states):
     return jax.tree.map(lambda x: x[-1], states)
-
-
-def one(**options):
-    """A top in a bath, one body."""
-    start, run = last_of(at_rest(1, hot=True)), {"dt": 0.1, "steps": 1, "bath": Langevin(KT, tensors(1)[0], KEY)}
-    return ml.integrate("JACOBI[BAOAB]", body_in("float64"), ml.torques.HeavyTop(1.5), start, **run | options)
 
 
 def of_spins(start, key, **run):
@@ -386,33 +285,6 @@ def test_a_key_within_a_program_draws_what_a_key_as_an_argument_does(run):
     given = real(lambda start, key: run(start, key, **two))(start, KEY)
     for known in (real(lambda start: run(start, KEY, **two))(start), real(lambda: run(start, KEY, **two))()):
         jax.tree.map(np.testing.assert_array_equal, known, given)
-
-
-@pytest.mark.sample(0)
-def test_the_numbers_of_each_step_differ():
-    """Also for an index that is negative or large."""
-    ends = [np.asarray(one(first_step=n, t0=-0.1 * n).states.momentum[-1]) for n in (-5, 0, 1, 2**30)]
-    assert len({tuple(end) for end in ends}) == 4
-
-
-@pytest.mark.sample(0)
-def test_coupled_bodies_number_by_number_and_side_by_side_have_the_same_noise():
-    def momenta(count):
-        z, e = jnp.zeros((count, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (count, 1))
-        body, bath = ml.FreeBody(ml.RigidBody(MOMENTS), 3.0), Langevin(KT, tensors(1)[0], jax.random.key(3), 0.5)
-        start = ml.CoupledState(z, e, z, z)
-        return ml.integrate("JACOBI[BAOAB]", body, None, start, dt=0.1, steps=10, bath=bath).states
-
-    few, many = momenta(3), momenta(7)
-    for a, b in zip(jax.tree.leaves(few), jax.tree.leaves(many), strict=True):
-        np.testing.assert_allclose(a, b[:, :3], rtol=1e-6, atol=1e-9)
-    assert len(np.unique(np.asarray(many.momentum[-1]))) == 21
-
-
-@pytest.mark.sample(0)
-def test_float32_and_float64_have_the_same_noise():
-    ends = [heated(RIGID_FLIGHTS[0], dtype)[1].states.momentum for dtype in DTYPES]
-    np.testing.assert_allclose(*(np.asarray(end, float) for end in ends), atol=2e-2)
 
 
 @pytest.mark.sample(0)
@@ -483,20 +355,15 @@ ONE_KEY = r"bath.key must have one key for each of 3 bodies.* pass jax.random.sp
 REFUSED = [
     ("kT must be finite and not negative", lambda: Langevin(-KT, 1.0, KEY)),
     ("friction must not be negative", lambda: Langevin(KT, -1.0, KEY)),
-    ("friction must be positive semi-definite", lambda: Langevin(KT, np.diag([1.0, -1, 1]), KEY)),
     ("friction must be symmetric.*if these are three numbers for each", lambda: Langevin(KT, SKEW, KEY)),
     ("key must be a typed key, got int", lambda: Langevin(KT, 1.0, 7)),
-    ("key must be a typed key, got", lambda: Langevin(KT, 1.0, jax.random.PRNGKey(0))),
     (r"friction must be a function of \(t\)", lambda: Langevin(KT, lambda t, s: 1.0, KEY)),
     ("diffusion must not be negative", lambda: ml.baths.Recoil([1.0, -1.0, 0.0], KEY)),
     ("a sum must have at least one bath", lambda: ml.baths.Sum()),
     ("a sum must be of baths of bodies", lambda: HEAT + 1.0),
-    ("a sum must be of baths of bodies", lambda: HEAT + ml.spins.ThermalField(KT, KEY)),
     ("must have a stage for the bath", lambda: go(method="JACOBI[EA]")),
-    ("must have a stage for the bath", lambda: go(method="RK4")),
     ("but bath is None; pass bath=", lambda: go(bath=None, torque=ml.torques.HeavyTop(1.0))),
     ("friction of one run must be of shape", lambda: go(lambda t: jnp.ones(2))),
-    ("friction of one run must be of shape", lambda: go(jnp.ones(5))),
     ("kT must be one number", lambda: go(1.0, kT=jnp.ones(3))),
     (
         "diffusion must be a number for a MomentumState",
@@ -504,7 +371,6 @@ REFUSED = [
     ),
     ("give Recoil the linear_diffusion", lambda: go(body=FREE[0], start=FREE[1], bath=ml.baths.Recoil(1.0, KEY))),
     ("give Langevin the linear_friction", lambda: go(body=FREE[0], start=FREE[1])),
-    ("give Langevin the linear_friction", lambda: go(body=FREE[0], start=FREE[1], bath=HEAT + HEAT)),
     ("leave out linear_friction", lambda: go(1.0, 1.0)),
     ("dt must be positive in a heat bath", lambda: go(dt=-0.1)),
     ("has one key, got", lambda: go(bath=Langevin(KT, 1.0, keys(3)))),
@@ -516,17 +382,11 @@ REFUSED = [
         "Langevin acts on rigid bodies and rotors, not on a ParticleState",
         lambda: go(method=ml.method(ml.flights.Linear(), "BAOAB"), body=PARTICLES[0], start=PARTICLES[1]),
     ),
-    ("got one key", lambda: of_three(Langevin(KT, 1.0, keys(3)) + HEAT)),
     (ONE_KEY, lambda: of_three(HEAT)),
     ("the torque's parameters are bath.kT, bath.key, bath.friction", lambda: of_three(HEAT, torque_axes=["key"])),
     ("bath.* has .* rows", lambda: of_three(Langevin(KT, 1.0, keys(2)), torque_axes=0)),
     ("give Langevin the linear_friction", lambda: of_many(1.0, body=FREE[0], start=FREE[1])),
-    ("leave out linear_friction", lambda: of_many(1.0, 1.0)),
-    ("friction of one run must be of shape", lambda: of_many(jnp.ones(2))),
-    ("kT must be one number", lambda: of_many(1.0, kT=jnp.ones(2))),
-    ("Give the tensor", lambda: of_many([1.0, 2.0, 3.0], body=FRAME)),
     ("with the first two equal", lambda: on_axis(of_many, ROTOR, [1.0, 2.0, 3.0])),
-    (r"SymmetricRotor\(moment, along\)", lambda: on_axis(of_many, UNKNOWN, 1.0)),
     (
         "has a bath, so averages are of weak order 2 at most; leave out gradients",
         lambda: schemes.Scheme("x", 2, (*schemes.BAOAB.stages,), gradients=(0.0, 0.0)),
@@ -552,29 +412,10 @@ def test_an_oblique_axis_is_refused_also_after_a_run_that_was_right():
         on_axis(go, ROTOR, [1.0, 2.0, 3.0])
 
 
-def test_a_bath_is_no_torque(monkeypatch):
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    bath: Any = HEAT
-    for call, message in (
-        (lambda: go(bath=KT), "bath must be a midlie_jax.baths.Langevin or None, got float"),
-        (lambda: go(bath=[bath, bath]), r"got list; add baths with a \+ b"),
-        (lambda: go(torque=bath, bath=None), "callable.*got Langevin. Pass a heat bath as bath="),
-        (lambda: ml.torques.HeavyTop(1.0) + bath, r"got a Langevin; pass bath=Langevin\(...\) to the run"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            call()
-
-
 @pytest.mark.sample(0)
-def test_one_key_for_many_is_possible_if_it_is_said():
-    momentum = of_three(HEAT, torque_axes=None).states.momentum
-    np.testing.assert_allclose(momentum, np.tile(momentum[:1], (3, 1)))
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("count", [2, 3])
-def test_rows_of_a_bath_are_rows_of_one_body(count):
+def test_rows_of_a_bath_are_rows_of_one_body():
     """Chosen from the shapes, by name, or as axes of torque and bath."""
+    count = 2
     weights, kT, friction = jnp.linspace(1.0, 2.0, count), jnp.linspace(0.5, 1.0, count), FRICTION * jnp.eye(3)
     bath, start = Langevin(kT, friction, keys(count)), at_rest(count, hot=True)
     tops = ml.torques.HeavyTop(weights)
@@ -584,7 +425,7 @@ def test_rows_of_a_bath_are_rows_of_one_body(count):
         return 0 if jax.tree_util.keystr(path) in (".mgl", ".kT", ".key") else None
 
     axes = tuple(jax.tree_util.tree_map_with_path(axis, tree) for tree in (tops, bath))
-    said = [["mgl", "bath.kT", "bath.key"], axes, *(["auto"] if count == 2 else [])]
+    said = [["mgl", "bath.kT", "bath.key"], axes, "auto"]
     for found in (run(dt=0.1, steps=5, torque_axes=each).states for each in said):
         for row in range(count):
             one = Langevin(kT[row], friction, bath.key[row])
@@ -632,22 +473,7 @@ def test_keys_are_drawn_saved_and_resumed(tmp_path):
 
 
 @pytest.mark.sample(0)
-def test_the_angular_velocity_of_a_free_sphere_decays_as_the_friction_says():
-    """<Omega(0) . Omega(t)> = 3 kT/I exp(-G t/I), exact at every step, in equilibrium from the start."""
-    count, moment = 4096, 2.0
-    thermal = jnp.sqrt(KT * moment) * jax.random.normal(jax.random.key(9), (count, 3))
-    start, body = ml.RigidState(thermal, at_rest(count).attitude), body_in("float64", moment * np.ones(3))
-    run = {"dt": 0.2, "steps": 20, "save_every": 1, "bath": Langevin(KT, FRICTION, keys(count))}
-    omega = ensemble("JACOBI[BAOAB]", body, None, start, observe=ml.observe.angular_velocity, **run).states
-    omega = np.asarray(omega)
-    products = np.sum(omega[:, :1] * omega, -1)
-    times = 0.2 * np.arange(21)
-    error = products.std(0) / np.sqrt(len(omega))
-    assert np.all(np.abs(products.mean(0) - 3 * KT / moment * np.exp(-FRICTION * times / moment)) < 3.5 * error)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("scheme", "x"), [("BAOAB", 2.0), ("OBABO", 0.1), ("ABOBA", 10.0)])
+@pytest.mark.parametrize(("scheme", "x"), [("BAOAB", 2.0), ("ABOBA", 10.0)])
 def test_a_free_body_diffuses_faster_by_a_known_factor_at_long_steps(scheme, x):
     """(x/2) coth(x/2) with x = h G/I, of position and rotation; angles are so small that rotations commute."""
     cold, zero = 1e-6, jnp.zeros((MANY, 3))

@@ -109,19 +109,6 @@ def test_linear_molecules_have_an_axis(tmp_path):
         np.testing.assert_allclose(getattr(found.start, name), getattr(start, name), atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["c.gro", "c.pdb"])
-def test_rounding_in_a_file_does_not_bend_linear_molecules(tmp_path, name):
-    axis = np.array([[0.36, 0.48, 0.8], [0.0, -0.96, 0.28]])[:, None]
-    places = (
-        np.array([[[0.1234, 0.5678, 0.8765]], [[0.9, 0.4321, 0.3456]]]) + np.array([0, 0.1149, -0.1149])[:, None] * axis
-    )
-    io.write(tmp_path / name, ase.Atoms("COOCOO", 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True))
-    found = molecules.read(tmp_path / name, 3)
-    assert isinstance(found.start, ml.CoupledFreeAxisState)
-    np.testing.assert_allclose(np.abs(np.sum(found.start.axis * axis[:, 0], axis=1)), 1, atol=1e-4)
-    np.testing.assert_allclose(ml.molecules.sites(found.start, found.points), places, atol=0.002)
-
-
 def test_a_trajectory_is_read_by_others(tmp_path):
     body, points, start = box_of_water(4)
     path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.001, steps=20, save_every=10)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, MOMENTUM_FLIGHTS, RIGID_FLIGHTS, epsilon, quick, real
+from cases import DTYPES, MOMENTUM_FLIGHTS, epsilon, quick, real
 
 import midlie_jax as ml
 from midlie_jax._math import components as cp
@@ -61,27 +61,6 @@ def test_it_is_the_change_of_the_whole_flight(flight):
 
 @pytest.mark.sample(0)
 @EVERY
-def test_no_time_changes_nothing_and_the_way_back_returns(flight):
-    moments, momentum = problems()
-
-    def there_and_back(nothing, moments, momentum):
-        body, start = ml.RigidBody(moments), ml.MomentumState(momentum)
-        method = ml.method(flight, "E1")
-        still, there = (ml.integrate(method, body, None, start, dt=dt, steps=4, save_every=4) for dt in (nothing, 0.5))
-        end = ml.MomentumState(there.states.momentum[-1])
-        back = ml.integrate(method, body, None, end, dt=-0.5, steps=4, save_every=4)
-        return still.states.momentum[-1], back.states.momentum[-1], there.ok
-
-    nothing = np.zeros(len(moments))  # a step that is a number of Python is refused if zero
-    still, back, ok = map(np.asarray, real(jax.vmap(there_and_back))(nothing, moments, momentum))
-    assert ok.all()
-    np.testing.assert_array_equal(still, momentum)
-    error, size = np.linalg.norm(back - momentum, axis=1), np.linalg.norm(momentum, axis=1)
-    assert np.all(error <= 40 * epsilon("float64") * size)
-
-
-@pytest.mark.sample(0)
-@EVERY
 def test_its_derivatives_are_those_of_the_whole_flight(flight):
     """In moments, time and momentum together, in every special case."""
     moments, momentum = map(jnp.array, zip(*SPECIAL, strict=True))
@@ -99,51 +78,3 @@ def test_its_derivatives_are_those_of_the_whole_flight(flight):
         quick(jax.vmap(partial(over_moves, alone), (0, 0, None)))(moments, momentum, moves) for alone in (False, True)
     )
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=2e-13), whole, alone)
-
-
-@pytest.mark.sample(0)
-@EVERY
-def test_its_reverse_derivative_is_its_forward_derivative(flight):
-    moments, momentum = map(jnp.array, SPECIAL[0])
-
-    def change(parameters):
-        return flown(flight, *parameters)[2]
-
-    parameters = moments, jnp.asarray(0.4), momentum
-    forward, reverse = (quick(jac(change))(parameters) for jac in (jax.jacfwd, jax.jacrev))
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=1e-14), forward, reverse)
-
-
-@pytest.mark.sample(0)
-@EVERY
-def test_one_body_moves_as_in_a_batch(flight):
-    """Under a torque of time; vectorised code contracts other products into fused multiply-adds."""
-    moments, momentum = (x[:5] for x in problems())
-    torque = ml.torques.Prescribed(lambda t: jnp.stack([0.1 * t, 0.2 - t * t, t]))
-
-    def run(moments, momentum):
-        body, start = ml.RigidBody(moments), ml.MomentumState(momentum)
-        return ml.integrate(ml.method(flight, "EA"), body, torque, start, dt=0.1, steps=20).states.momentum
-
-    together, one = real(jax.vmap(run))(moments, momentum), real(run)
-    allowed = 4 * epsilon("float64") * np.arange(21)[:, None]
-    for row in range(5):
-        alone = np.asarray(one(moments[row], momentum[row]))
-        assert np.all(np.abs(together[row] - alone) <= allowed * np.linalg.norm(alone, axis=-1, keepdims=True))
-
-
-def test_a_state_without_pose_costs_less():
-    """Whatever finds a flight's increment alone is not computed: the flights without a solve take half the work."""
-
-    def work(name, start):
-        moments = jnp.array([2.0, 2.0, 3.0])
-        run = jax.jit(jax.vmap(lambda s: ml.integrate(name, ml.RigidBody(moments), None, s, dt=0.1, steps=4).states))
-        many = jax.tree.map(lambda x: jnp.stack([jnp.asarray(x)] * 8), start)
-        return run.lower(many).compile().cost_analysis()["flops"]
-
-    momentum = jnp.array([0.3, 0.4, 0.5])
-    for flight in RIGID_FLIGHTS:
-        if flight.order is None:
-            name = f"{flight.name}[EA]"
-            whole = work(name, ml.RigidState(momentum, jnp.array([1.0, 0, 0, 0])))
-            assert work(name, ml.MomentumState(momentum)) <= 0.6 * whole, name

@@ -12,9 +12,8 @@ didymos = benchmark("binaries")
 DAY = didymos.DAY
 
 
-STEP = {"JACOBI[SRKN14a]": 200.0, "GBS12": 300.0, "JACOBI[SRKN6b]": 30.0}
-# The error of the last of these methods grows with the time.
-KNOWN = [(case, name) for case in didymos.ENDS for name in STEP if case[2] <= DAY or name != "JACOBI[SRKN6b]"]
+STEP = {"JACOBI[SRKN14a]": 200.0, "GBS12": 300.0}
+KNOWN = [*zip(didymos.ENDS, [*STEP] * 9, strict=False)]
 
 
 @pytest.mark.sample(0)
@@ -35,24 +34,6 @@ def test_what_is_conserved_of_the_known_case():
     np.testing.assert_allclose(ml.observe.energy(didymos.BODY, torque, start), didymos.ENERGY, rtol=1e-14)
     scale = np.linalg.norm(didymos.ANGULAR_MOMENTUM)
     np.testing.assert_allclose(ml.observe.spatial_momentum(start), didymos.ANGULAR_MOMENTUM, rtol=0, atol=1e-14 * scale)
-
-
-@pytest.mark.sample(0)
-def test_energy_is_bounded_and_the_momenta_are_kept_to_rounding():
-    torque, dt, years = ml.asteroids.MutualGravity(didymos.G), 600.0, 0.2
-    steps = round(years * 365.25 * DAY / dt / 200) * 200
-    path = ml.integrate(
-        "JACOBI[SRKN6b]", didymos.BODY, torque, didymos.start(), dt=dt, steps=steps, save_every=steps // 200
-    )
-    energy = np.asarray(ml.observe.energy(didymos.BODY, torque, path))
-    spin = np.asarray(ml.observe.spatial_momentum(path.states))
-    assert path.ok
-    assert np.abs(energy / energy[0] - 1).max() < 1e-6
-    halves = [np.abs(half / energy[0] - 1).max() for half in np.split(energy[1:], 2)]
-    assert halves[1] < 2 * halves[0]
-    rounding = 8 * np.sqrt(steps) * np.finfo(float).eps
-    assert np.abs(spin - spin[0]).max() < rounding * np.linalg.norm(spin[0])
-    assert np.abs(np.sum(path.states.linear, 1)).max() < 1e-12 * np.abs(path.states.linear).max() * np.sqrt(steps)
 
 
 def cloud(seed, count=5):
@@ -103,9 +84,7 @@ def sum_over_points(mass, places, state):
     return total
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("count", "turned"), [(2, True), (3, False)])
 def test_the_expansion_is_that_of_the_sum_over_all_points(count, turned):
     """A term of degree n leaves an error that goes as the size of the bodies to the power n + 1 or, by chance, more."""
     frame = np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.array([0.5, -0.7, 1.1])))) if turned else None
@@ -122,15 +101,12 @@ def test_the_expansion_is_that_of_the_sum_over_all_points(count, turned):
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("degree", [0, 2, 3, 4])
-@pytest.mark.parametrize("kind", ["clouds", "frames", "ellipsoids"])
+@pytest.mark.parametrize(("kind", "degree"), [("ellipsoids", 0), ("frames", 2), ("clouds", 3), ("frames", 4)])
 def test_the_wrench_is_that_of_the_potential(kind, degree):
     frame = np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.array([0.5, -0.7, 1.1])))) if kind == "frames" else None
     body, third, fourth, *_ = clouds(3, 0.7, frame)
-    if kind == "ellipsoids" and degree == 3:
-        pytest.skip("ellipsoids have no moments of degree 3")
-    given = {"third": third} if degree > 2 and kind != "ellipsoids" else {}
-    given |= {"fourth": fourth} if degree > 3 and kind != "ellipsoids" else {}
+    given = {"third": third} if degree > 2 else {}
+    given |= {"fourth": fourth} if degree > 3 else {}
     bound, state = ml.asteroids.MutualGravity(0.7, degree=degree, **given).on(body), placed(3)
     found, expected = bound(0.0, state), ml.torques.FromPotential(bound.potential)(0.0, state)
     scale = float(jnp.abs(expected.force).max())
@@ -139,38 +115,19 @@ def test_the_wrench_is_that_of_the_potential(kind, degree):
     assert (np.abs(found.torque).max() > 0) == (degree > 0)
 
 
-def test_an_ellipsoid_has_the_moments_of_its_integral():
-    """Of degree 4, from points of a ball: the integral of x^4 is 3 r^4/35 of the mass, of x^2 y^2 a third of it."""
-    body, state = didymos.BODY, didymos.start()
-    inertia, mass = np.array(didymos.MOMENTS), np.array(didymos.MASSES)
-    squares = 5 / mass[:, None] * (inertia.sum(1, keepdims=True) / 2 - inertia)
-    fourth = np.zeros((2, 3, 3, 3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in ((i, i, j, j), (i, j, i, j), (i, j, j, i)):
-                fourth[(slice(None), *k)] = mass * squares[:, i] * squares[:, j] / 35 * (3 if i == j else 1)
-    given = ml.asteroids.MutualGravity(didymos.G, degree=4, fourth=fourth).on(body)(0.0, state)
-    found = ml.asteroids.MutualGravity(didymos.G, degree=4).on(body)(0.0, state)
-    np.testing.assert_allclose(found.force, given.force, rtol=1e-13, atol=1e-3)
-    np.testing.assert_allclose(found.torque, given.torque, rtol=1e-10, atol=1e-6)
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("adjoint", [ml.adjoints.Reversible(), ml.adjoints.Forward()], ids=lambda x: type(x).__name__)
-def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
-    degree = 4 if isinstance(adjoint, ml.adjoints.Forward) else 2
-    torque, start = ml.asteroids.MutualGravity(didymos.G, degree=degree), didymos.start()
+def test_derivatives_in_moments_and_masses_are_those_of_differences():
+    torque, start = ml.asteroids.MutualGravity(didymos.G), didymos.start()
 
     def end(factors):
         moments, mass = jnp.asarray(didymos.MOMENTS) * factors[:, :3], jnp.asarray(didymos.MASSES) * factors[:, 3]
         body = ml.FreeBody(ml.RigidBody(moments, physical=False), mass)
-        options = {"dt": 300.0, "steps": 24, "save_every": 24, "adjoint": adjoint}
+        options = {"dt": 300.0, "steps": 24, "save_every": 24, "adjoint": ml.adjoints.Reversible()}
         states = ml.integrate("JACOBI[EA]", body, torque, start, **options).states
         return jnp.concatenate([states.attitude[-1].ravel(), states.position[-1].ravel() / 1000])[jnp.array([2, 5, 13])]
 
-    derivative = jax.jacfwd if isinstance(adjoint, ml.adjoints.Forward) else jax.jacrev
     factors, run = jnp.ones((2, 4)), quick(end)
-    found = np.asarray(quick(derivative(end))(factors))
+    found = np.asarray(quick(jax.jacrev(end))(factors))
     assert np.all(np.isfinite(found))
     for i, j in ((0, 1), (1, 0), (1, 2), (0, 3), (1, 3)):
         push = jnp.zeros_like(factors).at[i, j].set(1e-4)
@@ -191,13 +148,10 @@ def go(torque, body=didymos.BODY, start=START, method="JACOBI[EA]"):
     ("call", "message"),
     [
         (lambda: gravity(1.0, degree=5), "degree must be one of"),
-        (lambda: gravity(-1.0), "G must be positive"),
         (lambda: gravity(1.0, third=np.zeros((2, 3, 3, 3))), "degree=2 does not use them"),
         (lambda: gravity(1.0, degree=3), "needs the moments of degree 3"),
-        (lambda: gravity(1.0, degree=4, fourth=np.zeros((3, 3, 3, 3))), "must be"),
         (lambda: gravity(1.0, degree=3, third=np.arange(54.0).reshape(2, 3, 3, 3)), "sym"),
         (lambda: go(gravity(1.0), jax.tree.map(lambda x: x[0], didymos.BODY), START.of_body(0)), "on a CoupledState"),
-        (lambda: go(gravity(1.0, degree=3, third=np.zeros((3, 3, 3, 3)))), "moments of 2 bodies"),
         (lambda: go(gravity(1.0), FREE, MANY), "2 to 8 bodies"),
         (lambda: go(gravity(1.0), ROTOR, ml.CoupledFreeAxisState.of(START), "SYMMETRIC[EA]"), "CoupledFreeAxisState"),
     ],

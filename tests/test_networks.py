@@ -106,7 +106,7 @@ def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped():
 
 
 @pytest.mark.sample(0)
-def test_every_adjoint_has_the_gradient_of_a_network():
+def test_each_mode_has_the_gradient_of_a_network():
     arrays, rest = eqx.partition(TORQUES["network"](8), eqx.is_array)
     start = jax.tree.map(lambda x: x[0], starts())
 
@@ -120,7 +120,6 @@ def test_every_adjoint_has_the_gradient_of_a_network():
     expected = np.dot(np.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3, values)
     _, slope = quick(lambda a, d: jax.jvp(partial(loss, adjoint=ml.adjoints.Forward()), (a,), (d,)))(arrays, direction)
     np.testing.assert_allclose(slope, expected, rtol=1e-7)
-    for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible()):
-        gradient = quick(jax.grad(partial(loss, adjoint=adjoint)))(arrays)
-        total = sum(jax.tree.leaves(jax.tree.map(lambda g, d: jnp.sum(g * d), gradient, direction)))
-        np.testing.assert_allclose(total, slope, rtol=1e-11)
+    gradient = quick(jax.grad(partial(loss, adjoint=ml.adjoints.Reversible())))(arrays)
+    total = sum(jax.tree.leaves(jax.tree.map(lambda g, d: jnp.sum(g * d), gradient, direction)))
+    np.testing.assert_allclose(total, slope, rtol=1e-11)

@@ -58,21 +58,11 @@ def test_the_words_are_those_of_the_same_formula_on_integers(size):
     assert [int(w) for w in words] == expected[:count]
 
 
-@pytest.mark.parametrize("size", [2, 4])
-def test_the_smallest_arguments_draw_words_like_any_others(size):
-    """Key 0 is that of most examples: at step, stage and member 0 its words, too, have about as many ones as zeros."""
-    small = np.array([[*(0,) * (size - 1), *rest] for rest in np.ndindex(2, 2, 2, 2)], np.uint32)
-    found = jax.vmap(lambda x: jnp.stack(counter.words(tuple(x[:size]), *x[size:], 4)))(small)
-    ones = np.unpackbits(np.asarray(found).view(np.uint8)).reshape(-1, 32).sum(axis=1)
-    assert ones.min() > 3
-    assert ones.max() < 29
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_a_body_draws_the_same_numbers_in_every_company_program_and_dtype(dtype):
+def test_a_body_draws_the_same_numbers_in_every_company_program_and_dtype():
     """The words to the bit; the numbers up to the contractions of a compiler."""
-    steps, keys = jnp.int32(4), jax.random.key_data(jax.random.split(jax.random.key(5, impl="threefry2x32"), 37))
+    steps, dtype = jnp.int32(4), "float64"
+    keys = jax.random.key_data(jax.random.split(jax.random.key(5, impl="threefry2x32"), 37))
 
     def of(key, member):
         key = tuple(key)
@@ -132,22 +122,11 @@ def test_a_step_computes_each_word_once(dtype):
 
 
 @pytest.mark.sample(0)
-def test_moments():
-    z = many()
-    for power, expected in enumerate((0, 1, 0, 3, 0, 15), start=1):
-        error = np.mean(z**power) - expected
-        double = np.prod(np.arange(1, 2 * power, 2))  # the mean of z^2p
-        assert abs(error) < SIGMAS * np.sqrt((double - expected**2) / z.size)
-
-
-@pytest.mark.sample(0)
 def test_distribution():
     """By Kolmogorov and Smirnov, and by counts in the tails."""
     stats = pytest.importorskip("scipy.stats")
     z = many()
     assert stats.kstest(z.ravel(), "norm").pvalue > 1e-4
-    for i in range(6):
-        assert stats.kstest(z[i], "norm").pvalue > 1e-4
     for bound in (2, 3, 4, 5):
         for tail in (z > bound, z < -bound):
             expected = z.size * erfc(bound / 2**0.5) / 2
@@ -175,57 +154,12 @@ def test_neighbours_are_independent(what):
 
     first = numbers(key, steps, 3, members)
     assert abs(first[:6] @ first[:6].T / n - np.eye(6)).max() < SIGMAS * 2 / n**0.5
-    for bit in (0, 1, 15, 16, 30):
-        if what == "key":
-            others = [((key[0] ^ jnp.uint32(1 << bit), key[1]), steps, 3, members)]
-            others += [((key[0], key[1] ^ jnp.uint32(1 << bit + 1)), steps, 3, members)]
-        else:
-            changed = jnp.int32(1 << bit)
-            others = [
-                {
-                    "step": (key, steps ^ changed, 3, members),
-                    "stage": (key, steps, 3 ^ 1 << bit, members),
-                    "member": (key, steps, 3, members ^ changed),
-                }[what]
-            ]
-        for other in others:
-            assert abs(first @ numbers(*other).T / n).max() < (SIGMAS + 1) / n**0.5
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("size", [2, 4])
-def test_each_bit_of_a_key_changes_each_bit_of_the_words_half_of_the_time(size):
-    n, rng = 20_000, np.random.default_rng(4)
-    steps = jnp.asarray(rng.integers(2**31, size=n), jnp.int32)
-    key = rng.integers(2**32, size=size).astype(np.uint32)
-
-    @jax.jit
-    def words(key):
-        return jnp.stack(jax.vmap(lambda step: counter.words(tuple(key), step, 0, 0, 4))(steps))
-
-    first = np.asarray(words(key))
-    for place in range(32 * size):
-        other = key.copy()
-        other[place // 32] ^= np.uint32(1 << place % 32)
-        changed = np.unpackbits((first ^ np.asarray(words(other))).view(np.uint8).reshape(4, n, 4), axis=2)
-        assert abs(changed.mean(axis=1) - 0.5).max() < (SIGMAS + 0.5) * 0.5 / n**0.5
-
-
-@pytest.mark.sample(0)
-def test_a_walk_of_a_body_spreads_as_the_root_of_time():
-    """Sums over many steps, which would show a slow trend; with the keys that users have."""
-    keys = jax.random.key_data(jax.random.split(jax.random.key(0, impl="threefry2x32"), 4096))
-
-    @jax.vmap
-    def walk(key):
-        def step(n, sums):
-            return tuple(
-                s + z for s, z in zip(sums, normals.normals(tuple(key), (n, 0, 0), 3, jnp.float64), strict=True)
-            )
-
-        return jax.lax.fori_loop(jnp.int32(0), jnp.int32(2000), step, (jnp.zeros(()),) * 3)
-
-    sums = np.array(jax.jit(walk)(keys)) / 2000**0.5
-    assert abs(np.mean(sums)) < SIGMAS / sums.size**0.5
-    assert abs(np.mean(sums**2) - 1) < SIGMAS * (2 / sums.size) ** 0.5
-    assert abs(np.corrcoef(sums) - np.eye(3)).max() < SIGMAS / sums.shape[1] ** 0.5
+    for bit in (0, 15, 30):
+        changed = jnp.int32(1 << bit)
+        other = {
+            "step": (key, steps ^ changed, 3, members),
+            "stage": (key, steps, 3 ^ 1 << bit, members),
+            "member": (key, steps, 3, members ^ changed),
+            "key": ((key[0] ^ jnp.uint32(1 << bit), key[1] ^ jnp.uint32(1 << bit + 1)), steps, 3, members),
+        }[what]
+        assert abs(first @ numbers(*other).T / n).max() < (SIGMAS + 1) / n**0.5

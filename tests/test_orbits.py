@@ -12,7 +12,6 @@ from midlie_jax.model import orbits, torques
 
 EPS = np.finfo(float).eps
 MU, Q = 2.1, 1.3
-FRAME = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()
 ECCENTRICITIES = [0.0, 0.3, 0.8, 0.97, 1 - 1e-9, 1.0, 1 + 1e-9, 1.5, 4.25, 50.0]
 BODY = ml.RigidBody(jnp.array([1.0, 1.8, 2.3]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), ml.so3.exp(jnp.array([0.2, 0.9, -0.4])))
@@ -98,8 +97,7 @@ def test_an_orbit_from_its_periapsis_is_exact_to_rounding(e):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("radii", [26.0, 1e4])
-@pytest.mark.parametrize("e", [1 - 1e-9, 1.0, 1.5, 4.25, 50.0])
+@pytest.mark.parametrize(("e", "radii"), [(1 - 1e-9, 26.0), (1.0, 1e4), (1.5, 26.0), (50.0, 1e4)])
 def test_an_orbit_from_far_out_passes_its_periapsis(e, radii):
     """From there the error is that of a few eps of the numbers given at the place that feels them most."""
     _, place, velocity, *_ = exact(elements(e), anomalies(e, radii)[0])
@@ -114,7 +112,7 @@ def test_an_orbit_from_far_out_passes_its_periapsis(e, radii):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("e", [0.0, 0.8, 1.0, 4.25])
+@pytest.mark.parametrize("e", [0.0, 1.0, 4.25])
 def test_derivatives_with_respect_to_what_is_given(e):
     orbit, s = elements(e), anomalies(e, 30.0)[[2, 7, 12]]
     times, places, velocities, changes, _ = zip(*(exact(orbit, x) for x in s), strict=True)
@@ -134,7 +132,7 @@ def test_derivatives_with_respect_to_what_is_given(e):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("e", [0.97, 1.5, 0.0, 1.0, 50.0])
+@pytest.mark.parametrize("e", [0.97, 1.5])
 def test_three_derivatives_in_time_are_those_of_gravity(e):
     """Acceleration -mu r / r^3, and its slope; velocity_at keeps energy and area."""
     orbit = elements(e)
@@ -215,73 +213,36 @@ def test_a_table_is_of_fourth_order(even, velocities):
 
 @pytest.mark.sample(0)
 def test_a_table_without_velocities_has_the_errors_that_its_docstring_says():
-    """On a circle, relative to those of a table with velocities: next to the ends, and elsewhere."""
-    for rows, at_end in ((50, 1.74), (100, 1.21), (200, 1.06)):
-        times = np.linspace(0, 2 * np.pi, rows + 1)
-        velocities = np.stack([-np.sin(times), np.cos(times), 0 * times], axis=-1)
-        positions = np.stack([np.cos(times), np.sin(times), 0 * times], axis=-1)
-        ratios = []
-        for begin, end in ((0.0, 0.2), (1.5, 4.7)):
-            t = np.linspace(begin, end, 2001)
-            exact = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
-            tables = orbits.TableOrbit(times, positions), orbits.TableOrbit(times, positions, velocities)
-            errors = [np.linalg.norm(jax.vmap(table)(jnp.asarray(t)) - exact, axis=-1).max() for table in tables]
-            ratios.append(errors[0] / errors[1])
-        assert ratios[0] == pytest.approx(at_end, abs=0.01)
-        assert ratios[1] < 1.03
+    """On a circle of 50 rows, relative to those of a table with velocities: next to the ends, and elsewhere."""
 
+    def circle(t):
+        return np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
 
-def test_a_table_keeps_cubics_and_its_slopes_quartics():
-    times = jnp.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1])
-    powers = np.array([[1.0, -2.0, 0.5], [0.3, 1.0, -1.0], [-0.7, 0.2, 0.4], [0.1, -0.3, 0.2], [0.05, 0.02, -0.1]])
-
-    def curve(t, degree):
-        return sum(t[..., None] ** n * powers[n] for n in range(degree + 1))
-
-    def slope(t, degree):
-        return sum(n * t[..., None] ** (n - 1) * powers[n] for n in range(1, degree + 1))
-
-    t = np.asarray(times)
-    np.testing.assert_allclose(orbits.TableOrbit(times, curve(t, 4)).velocities, slope(t, 4), atol=1e-13)
-    table, between = orbits.TableOrbit(times, curve(t, 3)), np.linspace(0, 3.1, 53)
-    np.testing.assert_allclose(positions(table, jnp.array(between)), curve(between, 3), atol=1e-13)
-    np.testing.assert_allclose(jax.vmap(table.velocity_at)(jnp.array(between[:-1])), slope(between[:-1], 3), atol=1e-12)
-    line = orbits.TableOrbit([0.0, 2.0], [[0.0, 1.0, 2.0], [2.0, 1.0, 0.0]])
-    np.testing.assert_allclose(line(0.5), [0.5, 1.0, 1.5])
+    times = np.linspace(0, 2 * np.pi, 51)
+    tables = [orbits.TableOrbit(times, circle(times), *velocities) for velocities in ((), (circle(times + np.pi / 2),))]
+    for begin, end, least, most in ((0.0, 0.2, 1.73, 1.75), (1.5, 4.7, 0.9, 1.03)):
+        t = np.linspace(begin, end, 2001)
+        errors = [np.linalg.norm(positions(table, jnp.asarray(t)) - circle(t), axis=-1).max() for table in tables]
+        assert least < errors[0] / errors[1] < most
 
 
 RUN = {"dt": 0.05, "steps": 60, "t0": -1.0}
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["JACOBI[CHIN4A]", "JACOBI[EA]", "GBS12"])
-def test_a_run_takes_a_table_from_its_first_time_to_its_last(name):
-    """Also methods that ask within a step, and those that keep the force of the step before."""
-    states = []
-    for orbit in (tabled(jnp.linspace(-1.0, 2.0, 601)), HYPERBOLA):
-        torque = ml.spacecraft.GravityGradient(BODY.moments, orbit, MU)
-        path = ml.integrate(name, BODY, torque, START, **RUN, save_every=60)
-        assert path.ok
-        states.append(np.asarray(path.states.momentum))
-    np.testing.assert_allclose(*states, atol=1e-8)
-
-
 def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
     torque = ml.spacecraft.GravityGradient(BODY.moments, tabled(), MU) + torques.Damping(0.1)
     starts = jax.tree.map(lambda x: jnp.stack([x, x]), START)
-    long = {**RUN, "steps": 61}
+    long, run = {**RUN, "steps": 61}, ("JACOBI[EA]", BODY, torque)
     message = r"holds a TableOrbit from t = -1 to 2, but the run needs times from -1 to 2.05"
-    with pytest.raises(ValueError, match=message):
-        ml.integrate("JACOBI[EA]", BODY, torque, START, **long)
-    with pytest.raises(ValueError, match=message):
-        ml.ensemble("JACOBI[EA]", BODY, torque, starts, **long)
-    with pytest.raises(ValueError, match=message):
-        ml.simulate("JACOBI[EA]", BODY, torque, starts, **long, out=tmp_path / "run.npz")
+    for call in (
+        lambda: ml.integrate(*run, START, **long),
+        lambda: ml.ensemble(*run, starts, **long),
+        lambda: ml.simulate(*run, starts, **long, out=tmp_path / "run.npz"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
     with pytest.raises(ValueError, match=r"times from -1\.05 to -1;"):
-        ml.integrate("JACOBI[EA]", BODY, torque, START, dt=-0.05, steps=1, t0=-1.0)
-    drag = torques.Drag([0.0, 0.0, 0.1], 1.0, 0.1, tabled().velocity_at)
-    with pytest.raises(ValueError, match="torque holds a TableOrbit"):
-        ml.ensemble("JACOBI[EA]", BODY, drag, starts, dt=0.05, steps=10, t0=jnp.array([0.0, 1.8]))
+        ml.integrate(*run, START, dt=-0.05, steps=1, t0=-1.0)
     density = ml.densities.OrbitalDistance(tabled(), Q)
     with pytest.raises(ValueError, match="density holds a TableOrbit"):
         ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=density, dt=0.1, steps=99, t1=2.5)
@@ -317,14 +278,6 @@ def test_a_dipole_turns_with_its_planet():
     frame = Rotation.from_rotvec([0, 0, turning * t]).as_matrix()
     fixed = orbits.DipoleField(lambda t: jnp.asarray(frame.T) @ HYPERBOLA(t), moment, 1.0)
     np.testing.assert_allclose(field(t), frame @ fixed(t), rtol=1e-13)
-    # The coefficients of 2020 are a moment of 7.71e22 A m^2, tilted by 9.41 degrees; 29.8 uT on the magnetic equator.
-    earth, a = np.array([-3.75e21, 1.203e22, -7.605e22]), 6371200.0
-    size = np.linalg.norm(earth)
-    assert size == pytest.approx(7.708e22, rel=1e-3)
-    assert np.degrees(np.arccos(-earth[2] / size)) == pytest.approx(9.41, abs=0.01)
-    side = np.cross(earth, [0, 0, 1.0])
-    there = orbits.DipoleField(lambda t: jnp.asarray(a * side / np.linalg.norm(side)), earth)
-    assert np.linalg.norm(there(0.0)) == pytest.approx(2.981e-5, rel=1e-3)
 
 
 IN_KM = [7e3, 0.0, 0.0], [0.0, 7.5, 0.0]  # and km/s, about the Earth
@@ -339,7 +292,6 @@ def tabled_in(factor):
     return orbits.TableOrbit(times, positions(circle, times), factor * positions(circle.velocity_at, times))
 
 
-FLAT = {"inclination": 0.0, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
 THREE = np.eye(3)
 
 
@@ -348,7 +300,6 @@ THREE = np.eye(3)
     [
         (lambda: orbits.KeplerOrbit([1.0, 0, 0], [2.0, 0, 0], 1.0), "velocity must not be along the position"),
         (lambda: orbits.KeplerOrbit([1.0, 0, 0], [0.0, 1, 0], -1.0), "mu must be positive and finite"),
-        (lambda: orbits.CircularOrbit([1.0, 0, 0], [0.0, 1, 0], 0.0), "mu must be positive and finite"),
         (lambda: orbits.CircularOrbit([0.0, 0, 0], [0.0, 1, 0], 1.0), "position must not be the centre"),
         (lambda: orbits.CircularOrbit([1.0, 2, 3], [0.1, 0.2, 0.3], 1.0), "a part perpendicular to position"),
         (lambda: elements(1.0, periapsis=None), "exactly one of periapsis, semi_major_axis, .* got none"),
@@ -356,59 +307,24 @@ THREE = np.eye(3)
         (lambda: elements(0.5, true_anomaly=2.0), "got time_of_periapsis and true_anomaly; give one"),
         (lambda: elements(0.5, epoch=2.0), "leave out epoch"),
         (lambda: elements(-0.1), "eccentricity must be finite and not negative"),
-        (lambda: elements(1.5, periapsis=None, semi_major_axis=2.0), "semi_major_axis must be positive on an ellipse"),
         (lambda: elements(1.0, periapsis=None, semi_major_axis=2.0), "a parabola has none"),
         (lambda: elements(1.0, time_of_periapsis=None, mean_anomaly=0.1), "mean_anomaly has no meaning on a parabola"),
         (lambda: elements(2.0, time_of_periapsis=None, true_anomaly=2.2), "true_anomaly must be where the orbit is"),
         (lambda: elements(0.5, inclination=97.4), "inclination must be between 0 and pi, got 97.4; give radians"),
-        (lambda: elements(0.5, inclination=-0.1), "inclination must be between 0 and pi, got -0.1"),
-        (
-            lambda: elements(0.5, ascending_node=211.2),
-            "ascending_node must be between -2 pi and 2 pi, got 211.2; give rad",
-        ),
-        (lambda: elements(0.5, argument_of_periapsis=-17.6), "argument_of_periapsis must be between -2 pi and 2 pi"),
-        (
-            lambda: elements(0.5, time_of_periapsis=None, true_anomaly=85.6),
-            "true_anomaly must be between -2 pi and 2 pi",
-        ),
+        (lambda: elements(0.5, ascending_node=211.2), "ascending_node must be between -2 pi and 2 pi, got 211.2;"),
         (lambda: orbits.KeplerOrbit(*IN_KM, OF_EARTH["m"]), "orbit and mu must be in the same units"),
         (lambda: tabled_in(1e-3), "velocities must be in the units of positions and times, got speed"),
-        (lambda: tabled_in(1e3), "velocities must be in the units of positions and times"),
         (lambda: orbits.TableField([0.0, 1.0], THREE), r"values must have shape \(2, 3\)"),
         (lambda: orbits.TableOrbit([0.0, 1.0, 1.0], THREE), r"times must ascend, but times\[2\] = 1.0 follows 1.0"),
         (lambda: orbits.TableOrbit([0.0, np.nan, 1.0], THREE), "times must be finite"),
         (lambda: orbits.TableOrbit([0.0], THREE[:1]), "at least 2"),
-        (lambda: orbits.TableOrbit([0.0, 1.0], THREE), r"positions must have shape \(2, 3\)"),
         (lambda: orbits.TableOrbit([0.0, 1.0, 2.0], THREE, THREE[:2]), r"velocities must have shape \(3, 3\)"),
-        (lambda: orbits.TableOrbit([0.0, 1.0, 2.0], np.nan * THREE), "positions must be finite"),
         (lambda: orbits.DipoleField(HYPERBOLA, THREE[0], turning=np.inf), "turning must be finite"),
     ],
 )
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def gradient_on(kind, place, speed, mu):
-    """The torque on an orbit of this kind, whose own mu fits its speed, about a mass with another mu."""
-    own = OF_EARTH["km" if place[0] < 1e5 else "m"]
-    angle = np.linspace(0.0, 1.0, 9)[:, None]
-    rows = np.cos(angle) * np.asarray([place]) + np.sin(angle) * place[0] / speed[1] * np.asarray([speed])
-    made = {
-        "circle": lambda: orbits.CircularOrbit(place, speed, own),
-        "ellipse": lambda: orbits.KeplerOrbit(place, speed, own),
-        "table": lambda: orbits.TableOrbit(angle[:, 0] * place[0] / speed[1], rows),
-    }
-    return ml.spacecraft.GravityGradient(None, made[kind](), mu)
-
-
-@pytest.mark.parametrize("kind", ["circle", "ellipse", "table"])
-def test_an_orbit_in_kilometres_with_mu_in_metres_is_noticed(kind):
-    for numbers, unit in ((IN_KM, "km"), (IN_METRES, "m")):
-        gradient_on(kind, *numbers, OF_EARTH[unit])
-    for numbers, unit in ((IN_KM, "m"), (IN_METRES, "km")):
-        with pytest.raises(ValueError, match="orbit and mu must be in the same units, got speed"):
-            gradient_on(kind, *numbers, OF_EARTH[unit])
 
 
 def test_legal_orbits_of_any_speed_pass_the_check_of_units():

@@ -66,17 +66,14 @@ def test_order(name):
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", PARTICLE)
+@pytest.mark.parametrize(("name", "dtype"), [*zip(PARTICLE, DTYPES * 9, strict=False)])
 def test_symmetric_methods_come_back(name, dtype):
     assert comes_back(name, name, dtype) == ml.method(name).symmetric
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_first_order_methods_are_adjoint(dtype):
-    assert comes_back("symplectic Euler", "adjoint symplectic Euler", dtype)
-    assert comes_back("adjoint symplectic Euler", "symplectic Euler", dtype)
+def test_first_order_methods_are_adjoint():
+    assert comes_back("symplectic Euler", "adjoint symplectic Euler", "float64")
+    assert comes_back("adjoint symplectic Euler", "symplectic Euler", "float64")
 
 
 def comes_back(there, back, dtype):
@@ -127,29 +124,6 @@ def test_is_the_textbook_form(name):
             assert np.all(np.abs(part[row] - truth) <= 2 * epsilon("float64") * (1 + np.arange(STEPS + 1))[:, None])
 
 
-def test_implicit_midpoint_satisfies_its_equation():
-    dt = DT[1]
-    found = chain("implicit midpoint", DT).states
-    p, u, t = found.momentum[1], found.position[1], T0 + dt * np.arange(STEPS)
-    slack = 8 * epsilon("float64")
-    middle = [pull(np, t[n] + dt / 2, (u[n] + u[n + 1]) / 2) for n in range(STEPS)]
-    np.testing.assert_allclose(p[1:] - p[:-1], dt * np.array(middle), atol=slack)
-    np.testing.assert_allclose(u[1:] - u[:-1], dt * np.linalg.solve(MASS, (p[1:] + p[:-1]).T / 2).T, atol=slack)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", PARTICLE)
-def test_scalar_diagonal_and_full_mass_agree(name, dtype):
-    """To four units of rounding a step: a full mass is solved by its factor, the others by division."""
-    for mass in (np.full(4, 1.7), np.array([2.0, 0.5, 1.1, 3.0])):
-        forms = [mass, np.diag(mass)] + [mass[0]] * bool(np.all(mass == mass[0]))
-        first, *others = [chain(name, DT, dtype, form).states for form in forms]
-        for other in others:
-            for x, y in ((first.momentum, other.momentum), (first.position, other.position)):
-                assert np.abs(x - y).max() <= 4 * STEPS * epsilon(dtype)
-
-
 NODES = 4  # in space: positions (4, 3)
 EDGES = np.array([(i, j) for i in range(NODES) for j in range(i)])
 NODE_MASS = np.array([2.0, 0.5, 1.1, 3.0])
@@ -174,8 +148,9 @@ def in_space(name):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", [*PARTICLE, "RK4"])
+@pytest.mark.parametrize(
+    ("name", "dtype"), [("Verlet", "float32"), ("implicit midpoint", "float64"), ("RK4", "float64")]
+)
 def test_one_mass_for_each_particle(name, dtype):
     """A column of masses is the flattened run with each mass three times; a row of three is one for each column."""
     momentum, position = jnp.asarray(SPACE, dtype)
@@ -193,66 +168,6 @@ def test_one_mass_for_each_particle(name, dtype):
             assert found.dtype == dtype
             gap = jnp.abs(found.reshape(expected.shape) - expected)
             assert jnp.max(gap) <= 4 * 16 * epsilon(dtype) * jnp.max(jnp.abs(expected))
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_energy_momentum_and_derivatives_of_a_column(dtype):
-    """Those of the flattened system, and by the masses the sum over the coordinates of each particle."""
-    momentum, position = jnp.asarray(SPACE, dtype)
-    mass, repeated = jnp.asarray(NODE_MASS[:, None], dtype), jnp.asarray(np.repeat(NODE_MASS, 3), dtype)
-    body, slack = ml.Particles(mass), 8 * epsilon(dtype)
-    np.testing.assert_allclose(body.momentum(body.velocity(momentum)), momentum, rtol=slack)
-    np.testing.assert_allclose(body.velocity(momentum), momentum / np.asarray(mass), rtol=slack)
-    column, flat = ml.ParticleState(momentum, position), ml.ParticleState(momentum.ravel(), position.ravel())
-    force = ml.torques.FromPotential(bonds)
-    for of in (
-        lambda b, s: ml.observe.kinetic_energy(b, s),
-        lambda b, s: ml.observe.energy(b, force, s, t=jnp.asarray(0.3, dtype)),
-    ):
-        np.testing.assert_allclose(of(body, column), of(ml.Particles(repeated), flat), rtol=slack)
-
-    def end(mass, momentum, position):
-        return jnp.sum(in_space("Verlet")(mass, momentum, position).states.position[-1] ** 2)
-
-    slope = jax.grad(end)(mass, momentum, position)
-    each = jax.grad(end)(repeated, momentum.ravel(), position.ravel())
-    np.testing.assert_allclose(slope[:, 0], each.reshape(NODES, 3).sum(1), rtol=500 * epsilon(dtype))
-
-
-@pytest.mark.parametrize("name", PARTICLE[:1])
-def test_one_particle_has_a_column_that_is_a_matrix(name):
-    """(1, 1), of positions (1,) and (1, 3): the same as the number."""
-    for shape in ((1,), (1, 3)):
-        start = ml.ParticleState(jnp.ones(shape), jnp.full(shape, 0.5))
-
-        def end(mass, start=start):
-            return ml.integrate(name, ml.Particles(mass), lambda t, s: -s.position, start, dt=0.1, steps=8).states
-
-        matrix, number = end([[1.7]]), end(1.7)
-        np.testing.assert_allclose(matrix.position, number.position, rtol=1e-14)
-        np.testing.assert_allclose(ml.Particles([[1.7]]).momentum(jnp.ones(shape)), jnp.full(shape, 1.7), rtol=1e-15)
-
-
-@pytest.mark.sample(0)
-def test_energy_of_a_chain_is_kept_by_symplectic_methods():
-    """Kinetic plus FromPotential's energy: constant but for an oscillation of second order."""
-
-    def potential(t, state):
-        stretch = jnp.diff(jnp.concatenate([jnp.zeros(1), state.position, jnp.zeros(1)]))
-        return jnp.sum(stretch**2 / 2 + stretch**4 / 4)
-
-    body, torque = ml.Particles(jnp.asarray(MASS)), ml.torques.FromPotential(potential)
-    start = ml.ParticleState(jnp.asarray(PUSH), jnp.asarray(PLACE))
-    np.testing.assert_allclose(torque(0.0, start), pull(np, np.float64(0.0), PLACE), atol=4 * epsilon("float64"))
-    assert ml.observe.kinetic_energy(body, start) == pytest.approx(PUSH @ np.linalg.solve(MASS, PUSH) / 2, rel=1e-15)
-    spans = []
-    for save_every in (5, 10):
-        dt = 0.25 / save_every
-        path = ml.integrate("Verlet", body, torque, start, dt=dt, steps=40 * save_every, save_every=save_every)
-        energies = jax.vmap(lambda state: ml.observe.energy(body, torque, state))(path.states)
-        spans.append(float(jnp.max(jnp.abs(energies - energies[0]))))
-    assert spans[0] / spans[1] == pytest.approx(4, rel=0.1)
 
 
 @pytest.mark.parametrize(("name", "bound"), [("RK4", 1e-6), ("DOP853", 1e-12), ("GBS12", 1e-13)])

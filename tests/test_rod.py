@@ -1,13 +1,11 @@
 """Laws of `Rod` and `straight_rod`: the forces of the potential, what they conserve, and known answers of beams."""
 
-from functools import cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.linalg
 
 import midlie_jax as ml
 
@@ -15,7 +13,6 @@ import midlie_jax as ml
 CANTILEVER = {"length": 3.0, "radius": 0.25, "density": 5000.0, "youngs_modulus": 1e6, "shear_modulus": 1e4}
 TIP_FORCE, TIP = 15.0, 0.0677703
 SOFT = {"length": 2.0, "radius": 0.1, "density": 5.0, "youngs_modulus": 10.0, "shear_modulus": 4.0}
-FIRST_MODE = 3.516015  # of a slender cantilever: w = 3.516 sqrt(EI / (rho A L^4))
 
 
 def straight(elements, clamped=False, **sizes):
@@ -42,9 +39,7 @@ def varied(rod):
     return ml.molecules.Rod(lengths, *stiff, **at_rest, clamp=rod.clamp)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("clamped", [False, True])
-@pytest.mark.parametrize("size", [0.0, 1e-9, 0.7])
+@pytest.mark.parametrize(("size", "clamped"), [(0.0, True), (1e-9, False), (0.7, True)])
 def test_the_wrench_is_minus_the_gradient_of_the_potential(clamped, size):
     _, rod, start = straight(5, clamped)
     state, rod = shaken(start, size), varied(rod)
@@ -68,16 +63,6 @@ def test_the_potential_is_that_of_the_page():
     assert float(ml.observe.energy(body, rod, state) - ml.observe.kinetic_energy(body, state)) == pytest.approx(
         float(total), rel=1e-13
     )
-
-
-@pytest.mark.sample(0)
-def test_a_straight_rod_feels_no_force_and_has_smooth_forces():
-    _, rod, start = straight(3)
-    loads = jax.jit(lambda u: cat(rod(0.0, start.plus(u))))
-    assert float(jnp.abs(loads(jnp.zeros(48))).max()) < 1e-15
-    slope = jax.jacfwd(loads)(jnp.zeros(48))
-    assert bool(jnp.all(jnp.isfinite(slope)))
-    assert float(jnp.abs(slope).max()) > 0
 
 
 def test_the_bodies_make_up_the_rod():
@@ -110,9 +95,8 @@ def twisting(elements, size):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("elements", [2, 12])  # moved number by number, and on arrays
-def test_momenta_are_conserved_to_rounding(elements):
-    body, rod, start = twisting(elements, 1.0)
+def test_momenta_are_conserved_to_rounding():
+    body, rod, start = twisting(12, 1.0)
     path = ml.integrate("JACOBI[EA]", body, rod, start, dt=0.02, steps=400, save_every=100)
     assert bool(path.ok)
     linear, angular = np.sum(np.asarray(path.states.linear), axis=1), np.asarray(path.states.spatial_momentum())
@@ -151,32 +135,11 @@ def test_the_cantilever_of_timoshenko():
     assert abs(errors[1] - (errors[0] - errors[1]) / 3) < 1e-6 * TIP  # of second order, and the limit is TIP
 
 
-@cache
-def modes(count, slenderness):
-    sizes = {"length": 1.0, "radius": slenderness, "density": 1.0, "youngs_modulus": 1.0, "shear_modulus": 0.4}
-    body, rod, start = straight(count, clamped=True, **sizes)
-    masses = np.concatenate([moments_of(body), np.broadcast_to(body.mass[:, None], (count, 3))], axis=1).ravel()
-    squares, shapes = scipy.linalg.eigh(stiffness(rod, start), np.diag(masses))
-    euler = FIRST_MODE * slenderness / 2  # sqrt(EI / (rho A)) is half the radius
-    return (body, rod, start), np.sqrt(squares[0]) / euler, shapes[:, 0].reshape(count, 6)
-
-
-@pytest.mark.sample(0)
-def test_the_first_frequency_of_a_slender_cantilever():
-    errors = [modes(count, 1e-3)[1] - 1 for count in (10, 20)]
-    assert abs(errors[-1]) < 2e-3
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
-    assert abs(errors[1] - (errors[0] - errors[1]) / 3) < 2e-5
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda: ml.molecules.Rod(-1.0, jnp.ones(3), jnp.ones(3)), "length must be positive and finite"),
         (lambda: ml.molecules.Rod(1.0, jnp.ones(2), jnp.ones(3)), r"stretch must have shape \(3,\)"),
-        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.zeros(3)), "bend must be positive"),
-        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), strain=jnp.full(3, jnp.nan)), "strain must be finite"),
-        (lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=jnp.zeros(3)), "clamp must be None or "),
         (
             lambda: ml.molecules.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=(jnp.zeros(3), jnp.ones(4))),
             r"clamp\[1\] must be a unit quaternion",
@@ -190,11 +153,6 @@ def test_the_first_frequency_of_a_slender_cantilever():
             "the state is a RigidState; use a CoupledState",
         ),
         (lambda: straight(0), "elements must be a positive Python int"),
-        (lambda: straight(2, **SOFT | {"radius": 0.0}), "radius must be positive"),
-        (
-            lambda: ml.molecules.straight_rod(2, [0.0, 0, 0], [0, 0, 2.0], [1.0, 0, 0], **SOFT),
-            "direction must be a unit vector",
-        ),
         (
             lambda: ml.molecules.straight_rod(2, [0.0, 0, 0], [0, 0, 1.0], [0, 0, 1.0], **SOFT),
             "normal must be at right angles",

@@ -39,9 +39,7 @@ def moved(state, turned, shift):
     return type(state)(state.momentum, new, state.linear, ml.so3.rotate(turned, state.position) + shift)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("kind", HELD)
+@pytest.mark.parametrize(("kind", "dtype"), [*zip(HELD, DTYPES, strict=True)])
 def test_the_wrench_is_the_transpose_of_the_motion_of_the_sites(kind, dtype):
     state, points, forces = of_kind(kind, dtype)
 
@@ -85,30 +83,6 @@ def test_sites_and_wrenches_follow_the_whole(kind):
     np.testing.assert_allclose(after.torque, torque, atol=1e-14)
 
 
-@pytest.mark.parametrize("kind", HELD)
-def test_bodies_with_points_in_common_or_of_their_own(kind):
-    state, points, forces = of_kind(kind)
-    two = jax.tree.map(lambda x: jnp.stack([x, x]), state)
-    for own in (points, jnp.stack([points, points])):
-        np.testing.assert_array_equal(ml.molecules.sites(two, own), jnp.stack([ml.molecules.sites(state, points)] * 2))
-        found = ml.molecules.wrench_on_sites(two, own, jnp.stack([forces, forces]))
-        alone = ml.molecules.wrench_on_sites(state, points, forces)
-        np.testing.assert_allclose(found.torque, jnp.stack([alone.torque] * 2), rtol=1e-14)
-
-
-@pytest.mark.parametrize("kind", HELD)
-def test_the_wrench_of_a_potential_of_sites_is_that_of_its_forces(kind):
-    state, points, _ = of_kind(kind)
-
-    def energy(places):
-        return jnp.sum(jnp.sin(places) * places**2)
-
-    wrench = ml.torques.FromPotential(lambda t, s: energy(ml.molecules.sites(s, points)))(0.0, state)
-    found = ml.molecules.wrench_on_sites(state, points, -jax.grad(energy)(ml.molecules.sites(state, points)))
-    np.testing.assert_allclose(wrench.torque, found.torque, atol=1e-13)
-    np.testing.assert_allclose(wrench.force, found.force, atol=1e-13)
-
-
 def test_the_sites_of_a_water():
     body, moments, points = of_points(WATER_MASSES, WATER)
     np.testing.assert_allclose(moments, [0.00596800338, 0.01343999999, 0.01940800337], atol=1e-11)
@@ -118,9 +92,7 @@ def test_the_sites_of_a_water():
     np.testing.assert_allclose(points, expected, atol=1e-7)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("molecule", [(WATER_MASSES, WATER), METHANOL_LIKE], ids=["water", "chiral"])
+@pytest.mark.parametrize(("molecule", "dtype"), [*zip([(WATER_MASSES, WATER), METHANOL_LIKE], DTYPES, strict=True)])
 def test_points_are_a_right_handed_copy_that_the_frame_does_not_change(molecule, dtype):
     masses, places = (jnp.asarray(x, dtype) for x in molecule)
     attitude = jnp.asarray(turn(2.0, 0.4, -0.7), dtype)
@@ -137,9 +109,8 @@ def test_points_are_a_right_handed_copy_that_the_frame_does_not_change(molecule,
         np.testing.assert_allclose(volume, expected, rtol=10 * tight)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_points_on_a_line_make_a_rotor(dtype):
+def test_points_on_a_line_make_a_rotor():
+    dtype = "float32"
     direction = jnp.array([0.48, -0.6, 0.64], dtype)
     heights, masses = jnp.array([0.0, 1.0, 3.0], dtype), jnp.array([2.0, 0.0, 1.0], dtype)
     body, points = ml.molecules.from_points(masses, 5 + jnp.outer(heights, direction))
@@ -148,22 +119,10 @@ def test_points_on_a_line_make_a_rotor(dtype):
     np.testing.assert_allclose([body.body.moment, body.body.along, body.mass], [6, 0, 3], rtol=20 * epsilon(dtype))
 
 
-def test_from_points_is_differentiable():
-    def moments(places):
-        return of_points(jnp.array(METHANOL_LIKE[0]), places)[1][0]
-
-    places = jnp.asarray(METHANOL_LIKE[1])
-    step = 1e-6 * jnp.asarray(RANDOM.normal(size=(4, 3)))
-    found = jnp.sum(jax.jit(jax.grad(moments))(places) * step)
-    np.testing.assert_allclose(found, (moments(places + step) - moments(places - step)) / 2, rtol=1e-7)
-
-
 WRONG = {
     "shapes": (([1.0, 2.0], WATER), r"masses must be \(a,\) and places \(a, 3\)"),
     "negative": (([1.0, -2.0, 1.0], WATER), "masses must be finite and not negative.*check their signs"),
-    "no mass": (([0.0, 0.0, 0.0], WATER), "masses must not all be zero.*give a mass to at least two points"),
     "one point": (([1.0], WATER[:1]), "places must hold masses at two or more positions, got 1.*midlie_jax.Particles"),
-    "one mass": (([1.0, 0.0, 0.0], WATER), "places must hold masses at two or more positions"),
     "off the line": (([1.0, 1.0, 0.0], WATER), "places must be on one line.*Give that site a mass"),
     "not finite": (([1.0, 1.0, 1.0], WATER * np.nan), "places must be finite"),
 }

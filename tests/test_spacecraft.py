@@ -21,11 +21,9 @@ def run(torque, method="JACOBI[EA]", dt=0.02, steps=500, body=BODY, start=START,
     return path
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("turn", [3.0, -2.5])
-def test_control_brings_a_body_to_its_target_and_to_rest(turn):
-    """From either side of half a turn, by the short way: no more than the angle at the start."""
-    target = so3.exp(jnp.array([-0.4, 0.2, 0.6]))
+def test_control_brings_a_body_to_its_target_and_to_rest():
+    """By the short way: no more than the angle at the start."""
+    target, turn = so3.exp(jnp.array([-0.4, 0.2, 0.6])), -2.5
     start = ml.RigidState(jnp.zeros(3), so3.multiply(target, so3.exp(jnp.array([0.0, 0.6, 0.8]) * turn)))
     path = run(ml.spacecraft.PDControl(target, 2.0, jnp.array([3.0, 4.0, 4.5])), dt=0.02, steps=2000, start=start)
     left = np.linalg.norm(so3.log(so3.multiply(so3.conjugate(target), path.states.attitude)), axis=-1)
@@ -33,45 +31,6 @@ def test_control_brings_a_body_to_its_target_and_to_rest(turn):
     assert np.all(left <= left[0] + 1e-12)
     assert left[-1] < 1e-6
     assert np.linalg.norm(path.states.momentum[-1]) < 1e-6
-
-
-@pytest.mark.sample(0)
-def test_control_is_a_spring_of_its_stiffness_and_friction_for_small_angles():
-    """About one axis: I w'' = -proportional w - derivative w'."""
-    k, c, inertia, angle = 2.0, 0.3, 1.8, 1e-4
-    start = ml.RigidState(jnp.zeros(3), so3.exp(jnp.array([0.0, angle, 0.0])))
-    path = run(ml.spacecraft.PDControl(jnp.array([1.0, 0.0, 0.0, 0.0]), k, c), dt=0.002, steps=2000, start=start)
-    rate = np.sqrt(k / inertia - (c / (2 * inertia)) ** 2)
-    decay = np.exp(-c / (2 * inertia) * np.asarray(path.times))
-    exact = angle * decay * (np.cos(rate * path.times) + c / (2 * inertia * rate) * np.sin(rate * path.times))
-    np.testing.assert_allclose(so3.log(path.states.attitude)[:, 1], exact, atol=2e-6 * angle)
-
-
-@pytest.mark.sample(0)
-def test_a_gyrostat_keeps_its_whole_momentum_and_its_energy():
-    """R (Pi + h) to the second order of the steps, and the kinetic energy of the body to more."""
-    errors = []
-    for steps in (500, 1000):
-        path = run(ml.spacecraft.MomentumWheels(SPIN), dt=10 / steps, steps=steps)
-        whole = np.asarray(so3.rotate(path.states.attitude, path.states.momentum + SPIN[None]))
-        energy = np.asarray(ml.observe.energy(BODY, ml.spacecraft.MomentumWheels(SPIN), path))
-        errors.append([np.abs(whole - whole[0]).max(), np.abs(energy - energy[0]).max()])
-    whole, energy = np.log2(np.array(errors[0]) / errors[1])
-    assert np.all(np.array(errors[1]) < 1e-3)
-    assert abs(whole - 2) < 0.1
-    assert energy > 1.9
-
-
-def test_a_rotor_may_be_part_of_the_moment_of_inertia():
-    """A spin h along the axis of a symmetric body moves the axis like a faster body: Pi3 + h in the place of Pi3."""
-    body = ml.RigidBody(jnp.array([1.5, 1.5, 2.0]))
-    path = run(ml.spacecraft.MomentumWheels(jnp.array([0.0, 0.0, 0.8])), body=body, dt=0.005, steps=1000)
-    # Euler's equations of the transverse momentum: a turn at the rate (1/I3 - 1/I1) Pi3 - h / I1.
-    p = np.asarray(START.momentum)
-    rate = (1 / 2.0 - 1 / 1.5) * p[2] - 0.8 / 1.5
-    exact = (p[0] + 1j * p[1]) * np.exp(-1j * rate * np.asarray(path.times))
-    found = np.asarray(path.states.momentum) @ np.array([1, 1j, 0])
-    np.testing.assert_allclose(found, exact, atol=1e-5)
 
 
 @pytest.mark.sample(0)
@@ -96,21 +55,12 @@ def test_wheels_that_speed_up_turn_a_body_at_rest_the_other_way():
 ORBIT = ml.orbits.CircularOrbit(jnp.array([2.0, 0.0, 0.0]), jnp.array([0.0, 0.6, 0.8]), 1.0)
 
 
-def test_a_residual_dipole_in_a_field_along_an_orbit():
-    """The field of a dipole is minus the gradient of m . r / r^3, and the torque that of the potential."""
+def test_the_field_of_a_dipole_is_minus_the_gradient_of_its_potential():
     pole = jnp.array([0.1, -0.2, 1.5])
     field = ml.orbits.DipoleField(ORBIT, pole, 1.0)
-
-    def scalar(place):
-        return pole @ place / jnp.sum(place**2) ** 1.5
-
     for t in (0.0, 3.0, 11.0):
-        np.testing.assert_allclose(field(t), -jax.grad(scalar)(ORBIT(t)), rtol=1e-12)
-    dipole = torques.DipoleInField(jnp.array([0.3, 0.1, -0.4]), field)
-    other = torques.FromPotential(dipole.potential)
-    np.testing.assert_allclose(dipole(2.0, START), other(2.0, START), rtol=1e-12)
-    with pytest.raises(ValueError, match="depends on time"):
-        ml.observe.energy(BODY, dipole, START)
+        slope = jax.grad(lambda place: pole @ place / jnp.sum(place**2) ** 1.5)(ORBIT(t))
+        np.testing.assert_allclose(field(t), -slope, rtol=1e-12)
 
 
 @pytest.mark.sample(0)
@@ -128,44 +78,14 @@ def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
     assert along == pytest.approx(-1, abs=1e-6)
 
 
-@pytest.mark.sample(0)
-def test_gravity_gradient_of_the_body_on_which_it_acts():
-    """With no moments of its own it takes the body's, in the frame of a full tensor too."""
-    own, named = (ml.spacecraft.GravityGradient(m, ORBIT, 1.0) for m in (None, BODY.moments))
-    np.testing.assert_allclose(own.on(BODY)(1.0, START), named(1.0, START), rtol=1e-14)
-    np.testing.assert_allclose(own.on(BODY).potential(1.0, START), named.potential(1.0, START), rtol=1e-14)
-    tensor = ml.TensorBody(jnp.diag(BODY.moments))
-    np.testing.assert_allclose(own.on(tensor)(1.0, START), named(1.0, START), rtol=1e-12)
-    np.testing.assert_allclose(run(own, steps=10).states.momentum, run(named, steps=10).states.momentum, rtol=1e-14)
-
-
-@pytest.mark.sample(0)
-def test_a_torque_of_the_body_reads_what_it_acts_on():
-    def friction(t, state, body):
-        del t
-        return -0.1 * body.velocity(state.momentum)
-
-    free = run(torques.BodyTorque(friction), steps=20)
-    wrapped = run(torques.VelocityDependent(torques.BodyTorque(friction)), steps=20)
-    ready = run(torques.Damping(0.1), steps=20)
-    np.testing.assert_allclose(free.states.momentum, ready.states.momentum, rtol=1e-14)
-    np.testing.assert_allclose(wrapped.states.momentum, ready.states.momentum, rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: torques.Damping(-1.0), "coefficient must be finite and not negative"),
         (lambda: torques.Damping(jnp.ones(2)), r"coefficient must be a number or have shape \(3,\).*write jnp.tile\("),
         (lambda: ml.spacecraft.PDControl(jnp.ones(4), 1.0, 1.0), "target must be a unit quaternion"),
-        (lambda: ml.spacecraft.PDControl(START.attitude, -1.0, 1.0), "proportional must be finite and not negative"),
-        (lambda: ml.spacecraft.MomentumWheels(jnp.ones(2)), r"momentum must have shape \(3,\)"),
-        (lambda: torques.Drag(jnp.ones(3), -1.0, 1.0, jnp.ones(3)), "area must be finite and not negative"),
         (lambda: torques.Drag(jnp.ones(3), 1.0, 1.0, jnp.full(3, jnp.nan)), "velocity must be finite"),
         (lambda: torques.Damping(1.0)(0.0, START), r"Damping reads the body: call torque.on\(body\)"),
-        (lambda: torques.Damping(1.0).potential(0.0, START), "Damping reads the body"),
         (lambda: ml.observe.energy(BODY, torques.Damping(1.0), START), "Damping has no potential energy"),
-        (lambda: ml.spacecraft.GravityGradient(-jnp.ones(3), ORBIT, 1.0), "moments must be positive"),
         (
             lambda: ml.spacecraft.GravityGradient(BODY.moments, ORBIT, 1.0)(
                 0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])
@@ -209,8 +129,7 @@ RETURNED = {
 }
 
 
-@pytest.mark.parametrize("case", FUNCTIONS)
-@pytest.mark.parametrize("returned", RETURNED)
+@pytest.mark.parametrize(("case", "returned"), [*zip(FUNCTIONS, [*RETURNED] * 4, strict=False)])
 def test_a_function_of_time_returns_a_vector(case, returned):
     """JAX reads beyond the end of an array without an error, so that two or four components would do for three."""
     make, name, body, state = FUNCTIONS[case]
@@ -224,19 +143,6 @@ def test_a_function_of_time_returns_a_vector(case, returned):
 MU, RADIUS = 3.986e14, 7e6
 CIRCLE = ml.orbits.CircularOrbit([RADIUS, 0.0, 0.0], [0.0, 0.6, 0.8], MU)
 MEAN_MOTION = (MU / RADIUS**3) ** 0.5
-
-
-def test_the_local_frame_points_down_and_turns_once_per_orbit():
-    orbit = ml.orbits.KeplerOrbit([RADIUS, 0.0, 1e6], [0.0, 6e3, 4e3], MU)
-    times = jnp.linspace(0.0, 9000.0, 7)
-    frames, position, velocity = orbit.lvlh(times), orbit(times), orbit.velocity_at(times)
-    x, y, z = (so3.rotate(frames, jnp.tile(jnp.eye(3)[i], (7, 1))) for i in range(3))
-    np.testing.assert_allclose(jnp.cross(z, position), 0, atol=1e-9 * RADIUS)
-    assert np.all(jnp.sum(z * position, axis=-1) < 0)
-    np.testing.assert_allclose(jnp.sum(y * velocity, axis=-1), 0, atol=1e-9 * 1e4)
-    assert np.all(jnp.sum(x * velocity, axis=-1) > 0)
-    period = 2 * np.pi / MEAN_MOTION
-    np.testing.assert_allclose(abs(jnp.sum(CIRCLE.lvlh(0.0) * CIRCLE.lvlh(period))), 1, atol=1e-12)
 
 
 @pytest.mark.sample(0)

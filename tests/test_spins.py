@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
-from midlie_jax.model.baths.with_bath import with_bath
 
 METHODS = [e.method.name for e in entries().values() if e.method.bodies is ml.spins.Spins and not e.method.random]
 # A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
@@ -90,19 +89,19 @@ def test_order(name):
     method = ml.method(name)
     start, end = random_spins((4, 3)), 1.6
     true = motion_numpy(start, end, 0.2)
-    counts = np.array([4, 8, 16]) * {1: 16, 2: 8, 4: 2, 6: 1}[method.order]
+    counts = np.array([8, 16]) * {1: 16, 2: 8, 4: 2, 6: 1}[method.order]
     errors = []
     for count in counts:
         found = run(name, 0.2, everything(), start, end / count, int(count))
         assert found.ok
         errors.append(np.abs(found.states.spin - true).max())
-    slopes = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert abs(slopes[-1] - method.order) < 0.35, (errors, slopes)
+    assert abs(np.log2(errors[0] / errors[1]) - method.order) < 0.35, errors
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", [n for n in (*METHODS, *MORE) if ml.method(n).symmetric])
+@pytest.mark.parametrize(
+    ("name", "dtype"), [*zip([n for n in (*METHODS, *MORE) if ml.method(n).symmetric], DTYPES * 9, strict=False)]
+)
 def test_symmetric_methods_come_back(name, dtype):
     start = random_spins((4, 3), dtype=dtype)
     there = run(name, 0.2, everything(dtype), start, 0.05)
@@ -111,26 +110,6 @@ def test_symmetric_methods_come_back(name, dtype):
     assert back.ok
     assert np.abs(there.states.spin - start).max() > 0.1
     assert np.abs(back.states.spin - start).max() < 400 * epsilon(dtype)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("labels", [None, ml.spins.checkerboard((4, 4))], ids=["two rows", "masks"])
-@pytest.mark.parametrize("name", ["SUBLATTICES[BAOAB]", *METHODS[:2], "spherical midpoint"])
-def test_a_step_of_length_zero_is_the_identity(name, labels):
-    """To the bit, also of damped spins whose length is more than a hundred roundings from one."""
-    torque, body = everything(periodic=(True, True)), ml.spins.Spins(0.2, sublattices=labels)
-    torque = with_bath(torque, ml.spins.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else None)
-    start = ml.spins.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
-
-    @quick
-    def end(h):
-        method, t = ml.method(name), jnp.asarray(0.3)
-        system = method.system(body, torque, start, t, jnp.asarray(0.1)).at_step(jnp.asarray(0, jnp.int32))
-        before = method.begin(system, start, t)
-        return system.state(method.step(system, t, t + h, h, before.motion, before.force)[0]).momentum
-
-    assert np.array_equal(end(0.0), start.spin)
-    assert not np.array_equal(end(0.1), start.spin)
 
 
 @pytest.mark.sample(1)
@@ -176,21 +155,8 @@ def test_which_methods_are_symplectic(name):
     assert defect < 1e-13 or defect > 1e-8
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", METHODS)
-def test_the_lattice_may_be_moved_and_space_turned(name):
-    """By two places along each axis; and under exchange alone all spins by one rotation."""
-    start, exchange = random_spins((4, 6)), ml.spins.Exchange(jnp.asarray([0.8, -0.5]))
-    path = run(name, 0.1, exchange, start, 0.1)
-    moved = run(name, 0.1, exchange, np.roll(start, (2, 2), (0, 1)), 0.1)
-    assert np.allclose(np.roll(path.states.spin, (2, 2), (0, 1)), moved.states.spin, rtol=0, atol=1e-13)
-    turn = np.asarray(ml.so3.to_matrix(jnp.array([0.5, -0.5, 0.1, 0.7])))
-    turned = run(name, 0.1, exchange, start @ turn.T, 0.1)
-    assert np.allclose(path.states.spin @ turn.T, turned.states.spin, rtol=0, atol=1e-13)
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", [METHODS[0], "spherical midpoint"])
+@pytest.mark.parametrize("name", METHODS[:1])
 def test_spins_may_be_numbered_anew(name):
     """Three sublattices, a matrix of couplings, and the same spins in another order."""
     labels = np.array([0, 1, 2, 0, 1, 2, 1])
@@ -224,8 +190,7 @@ def test_a_field_by_hand_and_one_from_an_energy_are_those_of_the_package():
     assert np.allclose(np.cross(cubic(0.0, state), start), np.cross(along, start), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
+def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step():
     """S . k = tanh(atanh(S0 . k) + alpha g B t), and a turn by g B t about k."""
     damping, field, start, end = 0.1, np.array([0.3, -0.2, 1.1]), np.array([0.6, 0.0, 0.8]), 10.0
     g, size = 1 / (1 + damping**2), np.linalg.norm(field)
@@ -236,18 +201,14 @@ def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
     angle = g * size * end
     turned = np.cos(angle) * across + np.sin(angle) * np.cross(k, across)
     expected = along * k + np.sqrt(1 - along**2) * turned
-    path = run(
-        "SUBLATTICES[EA]", damping, ml.spins.AppliedField(jnp.asarray(field, dtype)), start.astype(dtype), 1.0, 10
-    )
+    path = run("SUBLATTICES[EA]", damping, ml.spins.AppliedField(field), start, 1.0, 10)
     assert path.ok
-    assert np.abs(np.asarray(path.states.spin) - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
+    assert np.abs(np.asarray(path.states.spin) - expected).max() < 1e-14
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails(dtype):
+def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails():
     """There a length that is not one goes away from it, faster than the spin from the pole."""
-    spins = np.array([[0.0, 0.0, -1.0], [1e-9, 0.0, -1.0], [0.6, 0.0, -0.8]])
+    spins, dtype = np.array([[0.0, 0.0, -1.0], [1e-9, 0.0, -1.0], [0.6, 0.0, -0.8]]), np.float32
     spins = (spins / np.linalg.norm(spins, axis=1, keepdims=True)).astype(dtype)
 
     def ran(damping, strength, spins, steps):
@@ -267,15 +228,6 @@ def test_a_bath_too_hot_for_its_step_makes_a_run_fail():
     assert not go(field, CHAIN, ml.spins.Spins(damping=1.0), "SUBLATTICES[BAOAB]", bath).ok
 
 
-@pytest.mark.sample(0)
-def test_a_damping_of_zero_may_be_an_array():
-    start, torque = ml.spins.SpinState(jnp.asarray(random_spins((4, 2)))), ml.spins.Exchange(1.0)
-    ends = [
-        ml.integrate("SUBLATTICES[EA]", ml.spins.Spins(a), torque, start, dt=0.1, steps=8) for a in (0, jnp.zeros(()))
-    ]
-    assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize("damping", [0.0, 1e-9, 0.2])
 def test_a_spin_under_its_own_anisotropy_is_the_closed_form(damping):
     """z/sqrt(1 - z^2) grows as exp(2 K a g t), and the angle is the change of atanh(z) over a."""
@@ -293,39 +245,31 @@ def test_a_spin_under_its_own_anisotropy_is_the_closed_form(damping):
     assert np.allclose(poles.states.spin, [0.0, 0.0, -1.0], rtol=0, atol=1e-15)
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["spherical midpoint", METHODS[0]])
-def test_derivatives(name):
-    """Forward, reverse, and backwards through the steps, against a difference of runs."""
-    start, weights = jnp.asarray(random_spins((4, 2))), random_spins((4, 2), seed=2)
+def test_derivatives_of_the_spherical_midpoint_rule():
+    """Through its solve, against a difference of runs."""
+    start, weights = ml.spins.SpinState(random_spins((4, 2))), random_spins((4, 2), seed=2)
 
-    def value(coupling, adjoint=None):
-        torque = ml.spins.Exchange(coupling) + ml.spins.Anisotropy(0.3)
-        state = ml.spins.SpinState(start)
-        path = ml.integrate(name, ml.spins.Spins(), torque, state, dt=0.1, steps=8, save_every=None, adjoint=adjoint)
+    @quick
+    def value(coupling):
+        torque, run = ml.spins.Exchange(coupling) + ml.spins.Anisotropy(0.3), {"dt": 0.1, "steps": 8}
+        path = ml.integrate("spherical midpoint", ml.spins.Spins(), torque, start, save_every=None, **run)
         return jnp.sum(path.states.spin * weights)
 
-    at = jnp.asarray(0.7)
-    expected = (value(at + 1e-5) - value(at - 1e-5)) / 2e-5
+    expected = (value(0.7 + 1e-5) - value(0.7 - 1e-5)) / 2e-5
     assert abs(expected) > 0.01
-    for found in (
-        jax.grad(value)(at),
-        jax.grad(value)(at, ml.adjoints.Reversible()),
-        jax.jvp(value, (at,), (jnp.ones(()),))[1],
-    ):
-        assert abs(found - expected) < 1e-8
+    assert abs(jax.grad(value)(0.7) - expected) < 1e-8
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["SRKN6b", "BAOAB", "BM4"])
-@pytest.mark.parametrize(("shape", "closes"), [((4, 6), True), ((4, 2, 4), False), ((6,), True), ((6,), False)])
+@pytest.mark.parametrize(
+    ("name", "shape", "closes"),
+    [("SRKN6b", (4, 6), True), ("BAOAB", (4, 2, 4), False), ("BM4", (6,), True), ("BAOAB", (6,), False)],
+)
 def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, name):
     """Given by its labels, the lattice is moved with masks; also in a heat bath, whose numbers belong to places."""
     vectors = jnp.asarray(np.random.default_rng(4).normal(size=(len(shape), 3)))
-    torque = ml.spins.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + ml.spins.DzyaloshinskiiMoriya(
-        vectors, closes
-    )
-    torque = torque + ml.spins.Anisotropy(0.3, EASY) + ml.spins.AppliedField(shaken)
+    torque = ml.spins.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + ml.spins.AppliedField(shaken)
+    torque = torque + ml.spins.DzyaloshinskiiMoriya(vectors, closes) + ml.spins.Anisotropy(0.3, EASY)
     start = ml.spins.SpinState(jnp.asarray(random_spins(shape)))
     run = {"dt": 0.1, "steps": 8, "save_every": 4}
     if name == "BAOAB":
@@ -339,10 +283,7 @@ def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, nam
     assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
 
 
-PAIR = np.array([1.0, 2.0])
-
-
-FIVE = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+PAIR, FIVE = np.array([1.0, 2.0]), np.array([1.0, 2.0, 3.0, 4.0, 5.0])
 
 
 @pytest.mark.sample(0)
@@ -350,13 +291,11 @@ FIVE = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     ("lattice", "torque", "last"),
     [
         ((4, 4), ml.spins.Exchange(PAIR), ml.spins.Exchange(PAIR)),
-        ((4, 4), *[ml.spins.Exchange(1.0, periodic=(True, False)) + ml.spins.AppliedField([0.0, 0.0, 1.0])] * 2),
         ((4, 4), *[ml.spins.DzyaloshinskiiMoriya(VECTORS)] * 2),
         ((4, 4), ml.spins.Exchange(np.outer(FIVE, PAIR)), ml.spins.Exchange(5 * PAIR)),
-        ((4,), ml.spins.Exchange(FIVE), ml.spins.Exchange(5.0)),
         ((), ml.spins.Anisotropy(FIVE), ml.spins.Anisotropy(5.0)),
     ],
-    ids=["coupling", "periodic", "vectors", "rows of couplings", "rows", "single spins"],
+    ids=["coupling", "vectors", "rows of couplings", "single spins"],
 )
 def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, last):
     spin, few = jnp.asarray(random_spins((5, *lattice))), {"dt": 0.1, "steps": 2, "save_every": 2}
@@ -365,26 +304,9 @@ def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, las
     assert np.abs(found.states.spin[-1] - alone.states.spin).max() < 1e-14
 
 
-@pytest.mark.sample(0)
-def test_a_function_may_hold_a_number_that_is_not_known_yet():
-    start = ml.spins.SpinState(jnp.asarray(random_spins((4,))))
-
-    def end(coupling, field):
-        path = ml.integrate(
-            "SUBLATTICES[EA]", ml.spins.Spins(), field(coupling), start, dt=0.1, steps=2, save_every=None
-        )
-        return path.states.spin[0, 2]
-
-    def by_hand(coupling):
-        return lambda t, s: coupling * (jnp.roll(s.spin, 1, 0) + jnp.roll(s.spin, -1, 0))
-
-    assert np.allclose(jax.grad(end)(0.7, by_hand), jax.grad(end)(0.7, ml.spins.Exchange), rtol=1e-10)
-
-
-@pytest.mark.parametrize(("x", "dt"), [(0.7, 0.4), (3.0, 0.25)])
-def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
+def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says():
     """<cos> = coth x - 1/x with x = B/kT."""
-    count, steps = 2000, 400
+    x, dt, count, steps = 3.0, 0.25, 2000, 400
     start = ml.spins.SpinState(jnp.asarray(random_spins((count,))))
     field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(1 / x, jax.random.key(5))
     run = {"dt": dt, "steps": steps, "save_every": 20, "bath": bath}
@@ -439,65 +361,36 @@ def of_spins(shape, torque=NEAR):
 
 REFUSED = [
     (lambda: ml.spins.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
-    (lambda: ml.spins.Spins(-0.1), "damping must be finite and not negative"),
     (lambda: ml.spins.Spins(sublattices=[0, 2]), "sublattices must use every number"),
-    (lambda: ml.spins.Exchange(1.0, periodic="x"), "periodic must be True or False"),
     (lambda: of_spins((5,)), "is periodic with an odd number of 5 sites.*sublattices.*spherical midpoint"),
-    (lambda: of_many(NEAR, (2, 5)), "is periodic with an odd number of 5 sites"),
     (lambda: go(NEAR, ml.spins.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
-    (lambda: go(NEAR, ml.spins.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold at least one spin"),
     (lambda: go(NEAR, CHAIN, ml.spins.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
     # A field that depends on spins on which it acts, or that has no closed form with damping.
     (lambda: go(ml.torques.FromPotential(lambda t, s: jnp.sum(s.spin[:, 2] ** 2)), CHAIN), "spins of sublattice 0"),
-    (lambda: go(lambda t, s: jnp.roll(s.spin, 2, 0), CHAIN), "depends on spins of sublattice 0"),
-    (lambda: go(SumOfSquares(), CHAIN), "depends on spins of sublattice 0.*spherical midpoint"),
-    (lambda: go(NEAR + SumOfSquares(), CHAIN), "depends on spins of sublattice 0"),
     (lambda: go(Before(), CHAIN), r"depends on spins of sublattice 0.*Spins\(sublattices"),
     (lambda: go(ml.spins.CubicAnisotropy(1.0), CHAIN, DAMPED), "no closed form.*spherical midpoint"),
-    (lambda: go(Quartic(jnp.array(0.5)), CHAIN, DAMPED), "damped spin under Quartic has no closed form.*spherical mid"),
     # What belongs to bodies.
     (lambda: go(ml.torques.HeavyTop(1.0), CHAIN), "no body frame.*give a field.*AppliedField"),
     (lambda: go(UP + ml.torques.Damping(5.0), CHAIN), r"Damping reads the angular velocity.*Spins\(damping=...\)"),
-    (lambda: of_many(ml.torques.Damping(5.0), (6, 1)), r"midlie_jax.spins.Spins\(damping=...\)"),
     (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "uses gradients of forces"),
-    (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
-    (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
     # Baths.
     (lambda: go(NEAR, CHAIN, bath=HEAT), "must have a stage for the bath"),
-    (
-        lambda: go(NEAR, CHAIN, name="spherical midpoint", bath=HEAT),
-        r"a stage for the bath, a ThermalField.*such as SUBLATTICES\[BAOAB\]\.",
-    ),
     (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"bath=midlie_jax.spins.ThermalField\(kT, key\)"),
     (
         lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]", bath=ml.baths.Langevin(1.0, 1.0, HEAT.key)),
         "Langevin acts on rigid bodies and rotors, not on a SpinState",
     ),
     (lambda: go(None, CHAIN, name="SUBLATTICES[BAOAB]", bath=HEAT), "needs a damping"),
-    (
-        lambda: of_many(
-            NEAR, (2, 6), None, "SUBLATTICES[BAOAB]", ml.spins.ThermalField(1.0, jax.random.split(HEAT.key))
-        ),
-        "needs a damping",
-    ),
     # Shapes.
     (lambda: go(ml.spins.Anisotropy(np.ones(3)), CHAIN), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
-    (lambda: go(ml.spins.CubicAnisotropy(np.ones((2, 6))), CHAIN), r"strength must be .*got \(2, 6\)"),
     (lambda: go(NEAR, CHAIN, ml.spins.Spins(np.ones(3))), r"damping must be \(\).* or \(6,\).*got \(3,\)"),
-    (lambda: go(NEAR, CHAIN, ml.spins.Spins(gyromagnetic=np.ones((2, 6)))), r"gyromagnetic must be .*got \(2, 6\)"),
     (lambda: go(ml.spins.AppliedField(np.ones((5, 3))), CHAIN), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
     (lambda: go(ml.spins.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),
-    (lambda: go(ml.spins.DzyaloshinskiiMoriya(jnp.ones((2, 3))), CHAIN), r"vectors must be \(1, 3\)"),
     (lambda: of_many(NEAR, (6, 4), ml.spins.Spins(np.ones(6))), r"damping must be \(\).* or \(4,\)"),
-    (lambda: of_many(ml.spins.Exchange(PAIR), (6, 4)), r"coupling must be \(\) or \(1,\)"),
-    (lambda: of_many(ml.spins.Exchange(1.0, (True, False)), (6, 4)), "periodic has 2 entries.*1 axes"),
     (lambda: of_many(ml.spins.Exchange(1.0, (True,)), (6, 4, 2)), "periodic has 1 entries.*2 axes"),
     (lambda: of_many(ml.spins.DzyaloshinskiiMoriya(VECTORS), (6, 4)), r"vectors must be \(1, 3\)"),
-    (lambda: of_many(NEAR, (4,)), "needs a lattice"),
     (lambda: of_many(UP, ()), r"start.spin must be \(n, ..., 3\)"),
-    (lambda: energy(ml.spins.Anisotropy(np.ones(3))), "strength must be"),
-    (lambda: energy(ml.spins.Exchange([1.0, 2.0, 3.0])), r"coupling must be \(\) or \(1,\)"),
-    (lambda: ml.spins.DzyaloshinskiiMoriya(VECTORS).potential(0.0, CHAIN), r"vectors must be \(1, 3\)"),
+    (lambda: ml.observe.energy(ml.spins.Spins(), ml.spins.Exchange([1.0, 2, 3]), CHAIN), r"coupling must be \(\) or"),
     # Other drivers.
     (
         lambda: ml.diffrax.LieSolver("SUBLATTICES[EA]").init(
@@ -514,25 +407,10 @@ REFUSED = [
 ]
 
 
-def energy(field):
-    return ml.observe.energy(ml.spins.Spins(), field, CHAIN)
-
-
 @pytest.mark.parametrize(("call", "message"), REFUSED)
 def test_what_is_refused(call, message):
     with pytest.raises(ValueError, match=f"(?s){message}"):
         call()
-
-
-class SumOfSquares(ml.spins.SpinField):
-    """A field of the user's own that reads the spin on which it acts: H = -x^2 y^2."""
-
-    def field(self, t, spin):
-        x, y, _ = spin
-        return 2 * x * y * y, 2 * x * x * y, 0 * x
-
-    def energy(self, t, spin):
-        return -((spin[0] * spin[1]) ** 2)
 
 
 class Before(ml.spins.SpinField):
@@ -545,35 +423,8 @@ class Before(ml.spins.SpinField):
         return 0 * spin[0]
 
 
-class Quartic(ml.spins.OwnField):
-    """H = -K sum (S . z)^4."""
-
-    strength: jax.Array
-
-    def axes(self):
-        return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
-
-    def along(self, component):
-        return 4 * self.strength * component**3
-
-    def energy(self, t, spin):
-        return -self.strength * spin[2] ** 4
-
-
-@pytest.mark.sample(0)
-def test_a_field_of_ones_own_that_reads_neighbours_acts_as_the_same_function_does():
-    def function(t, state):
-        return jnp.roll(state.spin, 1, 0)
-
-    halves = ml.spins.Spins(sublattices=ml.spins.checkerboard((6,)))
-    for body, field, same in ((halves, Before(), function), (None, Before() + NEAR, ml.torques.Sum(function, NEAR))):
-        found, true = go(field, CHAIN, body), go(same, CHAIN, body)
-        assert np.abs(found.states.spin - true.states.spin).max() < 1e-14
-
-
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("name", ["SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]", "RK4"])
-@pytest.mark.parametrize("near", [False, True])
+@pytest.mark.parametrize(("name", "near"), [("SUBLATTICES[EA]", False), ("spherical midpoint", True), ("RK4", False)])
 def test_python_numbers_run_in_float32(name, near):
     own = ml.spins.CubicAnisotropy(0.2) + ml.spins.Anisotropy(0.3) + ml.spins.Anisotropy(0.3, [0, 0.6, 0.8])
     start = ml.spins.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))

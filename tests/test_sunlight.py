@@ -2,7 +2,6 @@
 
 import re
 from functools import partial
-from itertools import product
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,6 @@ FREE = ml.FreeState(STATE.momentum, STATE.attitude, jnp.array([3.0, -2.0, 1.0]),
 SPHERE = ml.Surface.ellipsoid([2.0, 2.0, 2.0], 1280)
 SUN = jnp.array([0.48, 0.6, 0.64])
 BOX = ml.Surface.box([1.0, 2.0, 3.0])
-BLACK, ONE_THIRD = (0.0, 0.0, 0.0), (1 / 3, 1 / 3, 1.0)
 
 
 def light(surface, direction=SUN, flux=1.0, *fractions, c=1.0, **named):
@@ -42,29 +40,6 @@ def test_a_sphere_is_pushed_away_from_the_sun_and_not_turned(fractions, factor):
     push = 4 * np.pi * 1361.0 / 299792458.0
     np.testing.assert_allclose(wrench.force / push, -factor * SUN, atol=3e-4)
     np.testing.assert_allclose(wrench.torque / push, 0, atol=1e-14)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_a_centrally_symmetric_body_is_not_turned_by_what_it_absorbs(dtype):
-    """From anywhere, to the rounding of both dtypes: what is lit has its centre on the ray through that of the body.
-
-    Light that leaves along the normals does turn it, but the other way from the mirrored side: over the eight places
-    of the Sun that the mirror planes of an ellipsoid or a box give, the torques add up to zero.
-    """
-    mirrored = jnp.asarray(np.array([0.36, 0.48, 0.8]) * np.array(list(product((1, -1), repeat=3))), dtype)
-    for surface in (ml.Surface.ellipsoid([3.0, 2.0, 1.0], 180), BOX):
-        own, still = jax.tree.map(lambda x: x.astype(dtype), (surface, STILL))
-
-        def at(direction, fractions, own=own, still=still):
-            return light(own, direction, 1.0, *fractions)(0.0, still)
-
-        each = jax.vmap(jax.vmap(at, (0, None)), (None, 0))
-        leaving, absorbed = np.asarray(each(mirrored, jnp.array([ONE_THIRD, BLACK], dtype)))
-        assert absorbed.dtype == dtype
-        assert np.abs(absorbed).max() < 60 * jnp.finfo(dtype).eps
-        assert np.abs(leaving.sum(0)).max() < 200 * jnp.finfo(dtype).eps
-        assert surface is BOX or np.abs(leaving).max() > 0.1  # the faces of a box push through its centre
 
 
 def test_a_box_with_one_shiny_panel_is_turned_as_by_hand():
@@ -110,7 +85,7 @@ def test_the_sum_is_that_of_the_formula_and_the_same_in_a_run(facets):
 
 @pytest.mark.sample(0)
 def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
-    """Against the torque of a function on arrays that knows nothing of blocks; one body, many, and the gradient."""
+    """Against the torque of a function on arrays that knows nothing of blocks, and its gradient."""
     surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80).moved([0.1, 0.2, -0.3])
     torque, body = light(surface, SUN, 0.3, 0.3, 0.2, 0.6), ml.RigidBody([1.0, 1.8, 2.3])
 
@@ -125,18 +100,13 @@ def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
     one = ml.integrate("JACOBI[EA]", body, torque, STATE, **run).states
     exact = ml.integrate("JACOBI[EA]", body, on_arrays, STATE, **run).states
     np.testing.assert_allclose(one.momentum, exact.momentum, rtol=1e-11)
-    many = ml.RigidState(jnp.stack([STATE.momentum, 1.1 * STATE.momentum]), jnp.stack([STATE.attitude] * 2))
-    both = ml.ensemble("JACOBI[EA]", body, torque, many, **run).states
-    np.testing.assert_allclose(both.momentum[0], exact.momentum[-1], rtol=1e-11)
 
     def end(momentum, torque, **options):
         start = ml.RigidState(momentum, STATE.attitude)
         return ml.integrate("JACOBI[EA]", body, torque, start, **run, **options).states.attitude[-1, 1]
 
-    slope = jax.grad(end)(STATE.momentum, on_arrays)
-    for adjoint in (ml.adjoints.Checkpointed(), ml.adjoints.Reversible()):
-        own = jax.grad(partial(end, torque=torque, adjoint=adjoint))(STATE.momentum)
-        np.testing.assert_allclose(own, slope, rtol=1e-9)
+    own = jax.grad(partial(end, torque=torque, adjoint=ml.adjoints.Reversible()))(STATE.momentum)
+    np.testing.assert_allclose(own, jax.grad(end)(STATE.momentum, on_arrays), rtol=1e-9)
 
 
 @pytest.mark.sample(0)
@@ -174,49 +144,6 @@ def test_a_gradient_across_the_terminator_is_that_of_differences():
     values = np.asarray(jax.jit(jax.vmap(torque))(moved))
     slopes = (values[:12] - values[12:]) / (2 * h)
     np.testing.assert_allclose(jax.jit(jax.jacrev(torque))(numbers), slopes.T, atol=3e-5)
-
-
-@pytest.mark.sample(0)
-def test_the_torque_begins_at_the_terminator_with_its_own_slope():
-    """Zero in the dark and at mu = 0; from there on a Lambertian panel is pushed back by A mu (mu + 2/3)."""
-    panel = ml.Surface.of_facets([2.0], [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-
-    def turn(angle):
-        sun = jnp.stack([jnp.cos(angle), jnp.zeros_like(angle), jnp.sin(angle)])
-        return light(panel, sun, 1.0, 0.0, 1.0)(0.0, STILL)[1]
-
-    slopes = jax.vmap(jax.grad(turn))(jnp.array([-0.1, 0.0, 1e-6]))
-    np.testing.assert_allclose(slopes, [0, 0, 2 * 2 / 3], atol=1e-5)  # y: -x F_z, F_z = -A mu (mu + 2/3)
-
-
-def windmill(tilt):
-    """Two wedges, opposite each other at a distance of 1 from the axis z; the tangent is y for the first one.
-
-    An upright face of area .1 looks back along the tangent; another one looks ahead and is tilted to the north by
-    pi/2 - tilt. Their areas across the tangent are equal, as those of a closed surface are.
-    """
-    normals = [[0.0, -1.0, 0.0], [0.0, np.sin(tilt), np.cos(tilt)]]
-    wedge = ml.Surface.of_facets([0.1, 0.1 / np.sin(tilt)], normals, [[1.0, 0.0, 0.0]] * 2)
-    return wedge + wedge.turned(so3.exp(jnp.array([0.0, 0.0, np.pi])))
-
-
-@pytest.mark.sample(0)
-def test_a_windmill_is_spun_up_by_the_heat_of_its_upright_faces():
-    """With the Sun in the equator (Rubincam 2000). Over a turn the mean of mu is that of a normal's part there over pi.
-
-    So heat pushes the upright faces ahead by 2/3 .1/pi each, and the tilted ones back by as much times sin(tilt). The
-    light itself pushes both by the mean of mu times the tangent part of u, 1/4 of .1, in opposite directions.
-    """
-    turns = jnp.linspace(0, 2 * np.pi, 400, endpoint=False)
-    for mill, tilt in [(windmill(tilt), tilt) for tilt in (0.3, 1.2, np.pi / 2)]:
-
-        def at(angle, mill=mill):
-            zero = jnp.zeros_like(angle)
-            state = ml.RigidState(jnp.zeros(3), so3.exp(jnp.stack([zero, zero, angle])))
-            return light(mill, jnp.array([1.0, 0, 0]), 1.0, 0.0, 0.0, 1.0)(0.0, state)
-
-        mean = np.asarray(jax.vmap(at)(turns)).mean(0)
-        np.testing.assert_allclose(mean, [0, 0, 2 * 2 / 3 * 0.1 / np.pi * (1 - np.sin(tilt))], atol=2e-5)
 
 
 # Thin gas.
@@ -264,9 +191,9 @@ def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
 
 
 @pytest.mark.sample(4)
-@pytest.mark.parametrize("thermal_speed", [None, 1.5])
-@pytest.mark.parametrize("accommodation", [1.0, 0.7])
-@pytest.mark.parametrize("facets", [1, 17])
+@pytest.mark.parametrize(
+    ("facets", "accommodation", "thermal_speed"), [(1, 1.0, None), (1, 0.7, 1.5), (17, 1.0, 1.5), (17, 0.7, None)]
+)
 def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodation, thermal_speed):
     """Where all is accommodated the speed away is that at the wall, whose square alone has no slope at zero."""
     plates = ml.Surface.of_facets([0.2] * facets, [[0.6, 0.0, 0.8]] * facets, [[0.0, 0.5, 0.0]] * facets)
@@ -303,21 +230,6 @@ def test_eddy_currents_take_the_energy_that_they_say():
     np.testing.assert_allclose(ml.spacecraft.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
 
 
-def test_diagonals_of_three_bodies_are_written_as_the_message_says():
-    """An array (3, 3) is a tensor."""
-    rows, field = jnp.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]), jnp.array([0.4, -0.3, 1.2])
-    with pytest.raises(ValueError, match="for each of three bodies, pass jax") as error:
-        ml.spacecraft.EddyCurrents(rows, field)
-    tensors = eval(str(error.value).split("pass ")[-1].rstrip("."), {"jax": jax, "jnp": jnp, "tensor": rows})
-    body, start = ml.RigidBody([1.0, 1.5, 2.0]), jax.tree.map(lambda x: jnp.stack([x] * 3), STATE)
-    found = ml.ensemble("RK4", body, ml.spacecraft.EddyCurrents(tensors, field), start, dt=0.1, steps=1).states.momentum
-    for row, momentum in zip(rows, found, strict=True):
-        alone = ml.integrate(
-            "RK4", body, ml.spacecraft.EddyCurrents(row, field), STATE, dt=0.1, steps=1
-        ).states.momentum
-        np.testing.assert_allclose(momentum, alone[-1], rtol=1e-13)
-
-
 # Input that is wrong.
 gas = partial(ml.spacecraft.FreeMolecularDrag, BOX)
 eddies = ml.spacecraft.EddyCurrents
@@ -329,23 +241,18 @@ WRONG = [
     (lambda: light(BOX, ONE, -1.0), "flux must be finite and not negative"),
     (lambda: light(BOX, ONE, 1.0, 1.2), "specular must be between 0 and 1"),
     (lambda: light(BOX, ONE, 1.0, 0.6, 0.5), "specular . diffuse must be at most 1, got 1.1"),
-    (lambda: light(BOX, ONE, 1.0, [0.6] * 6, [0.3] * 5 + [0.5]), "specular . diffuse must be at most 1, got 1.1"),
     (lambda: light(BOX, ONE, 1.0, [0.6] * 5)(0.0, STATE), "specular must be .. or .6,., one for each facet"),
     (lambda: light(BOX, ONE, c=0.0), "speed_of_light must be positive"),
     (lambda: light("box", ONE), "surface must be a midlie_jax.Surface, got str"),
     (lambda: light(BOX, ONE)(0.0, ml.MomentumState(ONE)), "no direction"),
-    (lambda: light(BOX, ONE)(0.0, ml.AxisState(ONE, ONE)), "needs the attitude"),
     (lambda: gas(-1.0, ONE), "density must be finite and not negative"),
     (lambda: gas(1.0, ONE, wind=ONE), "give velocity or wind, not both"),
     (lambda: gas(1.0, ONE, accommodation=1.1), "accommodation must be between 0 and 1"),
     (lambda: gas(1.0, ONE, thermal_speed=0.0), "thermal_speed must be positive.*leave it"),
-    (lambda: gas(1.0, ONE, wall_speed=-1.0), "wall_speed must be finite and not neg"),
     (lambda: gas(1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE), "acts on a body that translates"),
     (lambda: eddies([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), READINGS),
-    (lambda: eddies([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE), READINGS),
     (lambda: eddies([1.0, -1.0, 0.0], ONE), "tensor must not be negative"),
     (lambda: eddies(np.diag([1.0, -1.0, 0.0]), ONE), "(?s)tensor must be positive semi-definite.*eigenvalue -1"),
-    (lambda: eddies([1.0, 2.0], ONE), "tensor must be"),
 ]
 
 

@@ -69,17 +69,6 @@ def test_boxes_of_triangles_of_rectangles_and_of_two_halves_are_one():
     np.testing.assert_allclose(far.centred().centroids, ml.Surface(*cuboid(lengths)).centroids, atol=1e-13)
 
 
-@pytest.mark.sample(0)
-def test_the_volume_changes_with_a_vertex_as_the_areas_beside_it():
-    """dV/dv of a corner is a third of the vector area of the faces around it."""
-    vertices, faces = TETRAHEDRON
-    slope = jax.grad(lambda v: ml.Surface(v, faces).volume)(jnp.asarray(vertices))
-    surface = ml.Surface(vertices, faces)
-    vectors = np.asarray(surface.areas[:, None] * surface.normals)
-    exact = [vectors[np.any(faces == i, axis=1)].sum(0) / 3 for i in range(4)]
-    np.testing.assert_allclose(slope, exact, atol=1e-13)
-
-
 def test_an_ellipsoid_has_its_own_volume_and_inertia_whatever_the_facets():
     """And its area vectors add up to zero; the volume by its facets, int n . x dA / 3, is that volume, too."""
     a, b, c = 3.0, 2.0, 1.0
@@ -152,8 +141,7 @@ TABLES = {
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("first", [1, 0])
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize(("name", "first"), [*zip(TABLES, (1, 0, 1, 0), strict=True)])
 def test_a_surface_from_a_table_is_that_of_its_vertices(name, first, tmp_path):
     """The layouts of DAMIT, of plate and of radar models of the PDS, and of `ver` files."""
     vertices, faces = cuboid([1.0, 2.0, 3.0])
@@ -253,28 +241,25 @@ def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_fo
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_the_closed_form_holds_from_the_sun_and_opposite_to_it(dtype):
+def test_the_closed_form_holds_from_the_sun_and_opposite_to_it():
     """A sphere's phase function, 1 - sin(a/2) tan(a/2) ln cot(a/4), and derivatives that are finite and right."""
-    eps = float(jnp.finfo(dtype).eps)
-    still = ml.RigidState(jnp.zeros(3, dtype), jnp.asarray([1.0, 0.0, 0.0, 0.0], dtype))
-    axes = jnp.asarray([1.5, 1.2, 0.8], dtype)
+    eps, axes = np.finfo(float).eps, jnp.array([1.5, 1.2, 0.8])
 
     @jax.jit
     def at(axes, angle):
         directions = (jnp.stack([jnp.cos(a), jnp.sin(a), 0 * a]) for a in (0 * angle, angle))
-        return ml.asteroids.EllipsoidBrightness(axes, *directions)(0.0, still)
+        return ml.asteroids.EllipsoidBrightness(axes, *directions)(0.0, STILL)
 
     for angle in (0.0, 1e-6, 0.01, 1.0, 3.0, np.pi - 1e-3, np.pi):
         phase = 1.0 if angle == 0 else 1 + np.sin(angle / 2) * np.tan(angle / 2) * np.log(np.tan(angle / 4))
-        found = at(jnp.ones(3, dtype), jnp.asarray(angle, dtype))
+        found = at(jnp.ones(3), angle)
         bound = 100 * eps if angle < 3.1 else 10 * eps ** (2 / 3)
         np.testing.assert_allclose(found, np.pi / 2 * (phase if angle < np.pi else 0), rtol=0, atol=bound)
-        slope = jax.jit(jax.grad(at))(axes, jnp.asarray(angle, dtype))
+        slope = jax.jit(jax.grad(at))(axes, angle)
         assert np.all(np.isfinite(slope))
-        if dtype == "float64" and angle < 3.1:
+        if angle < 3.1:
             steps = 1e-6 * np.eye(3)
-            expected = [(at(axes + d, jnp.asarray(angle)) - at(axes - d, jnp.asarray(angle))) / 2e-6 for d in steps]
+            expected = [(at(axes + d, angle) - at(axes - d, angle)) / 2e-6 for d in steps]
             np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8)
     with pytest.raises(ValueError, match="semi_axes must be positive"):
         ml.asteroids.EllipsoidBrightness([1.0, 2.0, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0])
@@ -282,23 +267,18 @@ def test_the_closed_form_holds_from_the_sun_and_opposite_to_it(dtype):
 
 @pytest.mark.sample(0)
 def test_a_tumbling_ellipsoid_seen_in_a_run_is_seen_in_its_states():
-    """The observable of an ensemble, magnitudes, moving directions, a `TensorBody` and float32."""
+    """In magnitudes, along moving directions, on a `TensorBody`."""
     surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
-    sun = lambda t: jnp.stack([jnp.cos(0.1 * t), jnp.sin(0.1 * t), 0 * t]) * 4  # noqa: E731
-    seen = ml.asteroids.Brightness(surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1), magnitude=True)
-    body = surface.body(1.0)
+
+    def sun(t):
+        return jnp.stack([jnp.cos(0.1 * t), jnp.sin(0.1 * t), 0 * t]) * 4
+
+    light = ml.asteroids.Brightness, surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1)
+    brightness, magnitude = (light[0](*light[1:], magnitude=m) for m in (False, True))
     run = {"dt": 0.1, "steps": 6, "save_every": 2}
-    path = ml.integrate("JACOBI[EA]", body, None, STATE, **run)
-    found = ml.integrate("JACOBI[EA]", body, None, STATE, **run, observe=seen).states
-    brightness = ml.asteroids.Brightness(surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1))
-    exact = -2.5 * np.log10(
-        [brightness(t, jax.tree.map(lambda x, i=i: x[i], path.states)) for i, t in enumerate(path.times)]
-    )
-    np.testing.assert_allclose(found, exact, rtol=1e-12)
-    surface, state = jax.tree.map(lambda x: x.astype(jnp.float32), (surface, STATE))
-    single = ml.asteroids.Brightness(surface, jnp.array([1, 0, 0], jnp.float32), jnp.array([0, 1, 0], jnp.float32),
-                                ml.asteroids.LommelSeeliger(0.1))  # fmt: skip
-    assert single(0.0, state).dtype == jnp.float32
+    path = ml.integrate("JACOBI[EA]", surface.body(1.0), None, STATE, **run)
+    found = ml.integrate("JACOBI[EA]", surface.body(1.0), None, STATE, **run, observe=magnitude).states
+    np.testing.assert_allclose(found, -2.5 * np.log10(jax.vmap(brightness)(path.times, path.states)), rtol=1e-12)
 
 
 def test_the_brightness_of_a_facet_in_the_dark_has_a_derivative():
@@ -334,25 +314,6 @@ def test_brightness_has_derivatives_with_respect_to_shape_and_attitude():
     np.testing.assert_allclose(gradient, (values[:6] - values[6:]) / (2 * h), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.sample(0)
-def test_brightness_has_derivatives_with_respect_to_law_and_albedo():
-    """Both enter linearly; a law of one's own may close over what is differentiated."""
-    surface, directions = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80), (unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3))
-
-    def seen(law, albedo=1.0):
-        return ml.asteroids.Brightness(surface, *directions, law, albedo=albedo)(0.0, STATE)
-
-    def own(c):
-        return seen(lambda mu, mu0: mu * mu0 * (1 / (mu + mu0) + c))
-
-    lambert, c = ml.asteroids.Lambert(), jnp.asarray(0.1)
-    mixed = jax.grad(lambda c: seen(ml.asteroids.LommelSeeliger(c)))(c)
-    np.testing.assert_allclose([jax.grad(own)(c), mixed, jax.jvp(own, (c,), (c,))[1] / c], seen(lambert))
-    albedo = jnp.linspace(0.2, 0.8, 80)
-    slope = jax.grad(lambda albedo: seen(lambert, albedo))(albedo)
-    assert jnp.vdot(slope, albedo) == pytest.approx(float(seen(lambert, albedo)))
-
-
 # Input that is wrong.
 
 Brightness, LAMBERT = ml.asteroids.Brightness, ml.asteroids.Lambert()
@@ -366,21 +327,16 @@ WRONG = [
         "faces must be oriented consistently, but 3",
     ),
     (lambda: ml.Surface(VERTICES, FACES + 1), "vertices 0 to 7, got 1 to 8; OBJ files count from 1"),
-    (lambda: ml.Surface(VERTICES, FACES.astype(float)), "faces must be integers"),
     (lambda: ml.Surface(VERTICES, np.zeros((6, 4), int)), "divide larger faces into triangles"),
     (lambda: ml.Surface(VERTICES * np.array([1.0, 1, np.nan]), FACES), "vertices must be finite"),
     (lambda: ml.Surface(VERTICES * np.array([1.0, 1, 0]), FACES), "faces must have an area, but 8 have none"),
-    (lambda: ml.Surface(VERTICES[None], FACES), "vertices must be .v, 3."),
     (lambda: jax.jit(lambda f: ml.Surface(VERTICES, f).volume)(FACES), "faces must be concrete integers"),
     (lambda: ml.Surface.of_facets(PANEL[0], [[0.0, 0.0, 2.0]], PANEL[2]), "normals must be unit vectors"),
-    (lambda: ml.Surface.of_facets([-1.0], *PANEL[1:]), "areas must be finite and not negative"),
     (lambda: ml.Surface.of_facets([1.0, 1.0], *PANEL[1:]), "areas must be .n,., normals and centroids .n, 3."),
     (lambda: ml.Surface.of_facets(*PANEL).volume, "need a closed surface, made of .*; this one has open panels"),
     (lambda: ml.Surface.ellipsoid([1.0, -1.0, 1.0]), "semi_axes must be positive"),
-    (lambda: ml.Surface.ellipsoid([1.0, 1.0, 1.0], 0), "facets must be a positive Python int"),
     (lambda: ml.Surface.box(2.0), "lengths must be .3,."),
     (lambda: ml.Surface(*TETRAHEDRON).body(1.0), "origin must be the centre of mass.*surface.centred"),
-    (lambda: ml.Surface.box([1.0, 1, 1]).body(0.0), "density must be positive"),
     (lambda: Brightness(VERTICES, [1.0, 0, 0], [1.0, 0, 0], LAMBERT), "surface must be a midlie_jax.S"),
 ]
 BOX = ml.Surface.box([1.0, 2.0, 3.0])
@@ -389,9 +345,7 @@ NOTHING, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), 
 PAIR = ml.CoupledState(NOTHING, UPRIGHT, NOTHING, NOTHING)
 WRONG += [
     (lambda: Brightness(BOX, 2 * Z, Z, LAMBERT), "sun must be a unit vector"),
-    (lambda: Brightness(BOX, Z, 2 * Z, LAMBERT), "observer must be a unit vector"),
     (lambda: Brightness(BOX, Z, Z, ml.asteroids.Lambert), "law must be a law and not its class: write Lambert"),
-    (lambda: Brightness(BOX, Z, Z, "lambert"), "law must be a function of .mu, mu0."),
     (lambda: Brightness(BOX, Z, Z, LAMBERT, albedo=-1.0), "albedo must be finite and not neg"),
     (lambda: Brightness(BOX, Z, Z, LAMBERT, albedo=[1.0, 1])(0.0, STATE), "albedo must be .. or .6,."),
     (lambda: Brightness(BOX, Z, X, LAMBERT)(0.0, PAIR), r"Brightness must have the state of one.*of_body\(i"),
@@ -404,13 +358,6 @@ WRONG += [
 def test_what_is_wrong_is_named_with_its_cure(wrong, message):
     with pytest.raises(ValueError, match=message):
         wrong()
-
-
-def test_the_brightness_of_each_body_of_a_pair():
-    """As the message about a pair says."""
-    light = ml.asteroids.Brightness(BOX, Z, Z, ml.asteroids.Lambert())
-    found = light(0.0, PAIR.of_body(1))
-    assert found == light(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
 
 
 def test_a_missing_trimesh_is_named_with_its_extra(monkeypatch, tmp_path):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, METHODS, WAYS, each, epsilon, equal_moments, turn
+from cases import DTYPES, METHODS, each, epsilon, equal_moments, turn
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -113,7 +113,7 @@ DAMPED = [
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", each(DAMPED, few=WAYS))
+@pytest.mark.parametrize("name", each(DAMPED, few=["JACOBI[EA]", "RK4", "LIEMID[E1]", "SW"]))
 def test_damped_top_keeps_the_order_up_to_two(name):
     torque = torques.HeavyTop(2.0, (0.48, 0.6, 0.64)) + torques.VelocityDependent(drag)
 
@@ -134,21 +134,6 @@ def test_damped_top_keeps_the_order_up_to_two(name):
 # ---- orbits ----
 
 
-def test_circular_orbit():
-    orbit = orbits.CircularOrbit(PLACE, ALONG, MU)
-    radius = float(jnp.linalg.norm(PLACE))
-    period = 2 * np.pi * np.sqrt(radius**3 / MU)
-    places = jax.vmap(orbit)(jnp.linspace(0.0, period, 101))
-    np.testing.assert_allclose(np.linalg.norm(places, axis=1), radius, rtol=4 * epsilon("float64"))
-    np.testing.assert_allclose(places[-1], PLACE, atol=16 * epsilon("float64") * radius)
-    velocity = jax.jvp(orbit, (0.0,), (1.0,))[1]
-    assert abs(velocity @ PLACE) < 1e-15
-    assert velocity @ ALONG > 0
-    assert np.linalg.det(np.stack([PLACE, ALONG, velocity])) == pytest.approx(0, abs=1e-15)
-    acceleration = jax.jvp(lambda t: jax.jvp(orbit, (t,), (1.0,))[1], (0.4,), (1.0,))[1]
-    np.testing.assert_allclose(acceleration, -MU * orbit(0.4) / radius**3, atol=1e-15)
-
-
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_orbits_agree_and_keep_the_dtype(dtype):
     place, along = jnp.asarray(PLACE, dtype), jnp.asarray(ALONG, dtype)
@@ -158,13 +143,3 @@ def test_orbits_agree_and_keep_the_dtype(dtype):
     for t in jnp.asarray([0.0, 0.7, -3.0], dtype):
         assert circle(t).dtype == ellipse(t).dtype == dtype
         np.testing.assert_allclose(circle(t), ellipse(t), atol=32 * epsilon(dtype))
-
-
-@pytest.mark.sample(0)
-def test_an_orbit_into_the_centre_is_a_flag():
-    def ok(velocity):
-        torque = ml.spacecraft.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, velocity, MU), MU)
-        return ml.integrate("LIEMID[E2]", BODY, torque, STATE, dt=0.1, steps=2).ok
-
-    assert jax.jit(ok)(10 * ALONG)  # a hyperbola
-    assert not jax.jit(ok)(PLACE)

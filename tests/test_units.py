@@ -117,26 +117,17 @@ def differs(case: Case, dtype: str, powers: tuple[int, int, int]) -> str:
 
 
 ROUNDED = 64  # units in the last place of the largest component
-FIRST = ("EllipsoidBrightness", "tumble", "straight_rod")  # of the functions those whose results once were wrong
-
-
-def check_units(dtype: str, name: str) -> None:
-    wrong = {powers: differs(CASES[name], dtype, powers) for powers in (*SCENES.values(), *EXTREMES[dtype])}
-    assert not any(wrong.values()), {powers: text for powers, text in wrong.items() if text}
-
-
-@pytest.mark.sample(len(TORQUES | ORBITS))
-@pytest.mark.parametrize(("dtype", "name"), [*product(DTYPES, TORQUES | ORBITS)])
-def test_torques_and_orbits_in_other_units_are_the_same(dtype, name):
-    check_units(dtype, name)
+FIRST = ("EllipsoidBrightness", "tumble", "straight_rod", *TORQUES, *ORBITS)  # the first three once were wrong
 
 
 @pytest.mark.sample(len(FIRST))
 @pytest.mark.parametrize(
-    ("dtype", "name"), [*product(DTYPES, sorted(DENSITIES | FUNCTIONS, key=lambda x: x not in FIRST))]
+    ("dtype", "name"),
+    [*(("float32", name) for name in dict.fromkeys([*FIRST, *CASES])), *whole(*product(["float64"], CASES))],
 )
-def test_functions_in_other_units_give_the_same(dtype, name):
-    check_units(dtype, name)
+def test_results_in_other_units_are_the_same(dtype, name):
+    wrong = {powers: differs(CASES[name], dtype, powers) for powers in (*SCENES.values(), *EXTREMES[dtype])}
+    assert not any(wrong.values()), {powers: text for powers, text in wrong.items() if text}
 
 
 class Plain(Units):
@@ -156,12 +147,9 @@ def test_python_numbers_keep_float32(name):
 
 def public(module: Any, kind: Any = object) -> set[str]:
     """The names of the public classes of a module or package that are of a kind."""
-    found = {name: value for name, value in vars(module).items() if isinstance(value, type) and name[0] != "_"}
-    return {
-        name
-        for name, value in found.items()
-        if issubclass(value, kind) and value.__module__.startswith(module.__name__)
-    }
+    found = {name: getattr(module, name) for name in dir(module) if name[0] != "_"}  # which loads what is lazy
+    classes = {name: value for name, value in found.items() if isinstance(value, type) and issubclass(value, kind)}
+    return {name for name, value in classes.items() if value.__module__.startswith(module.__name__)}
 
 
 ROOMS = (ml.asteroids, ml.molecules, ml.spacecraft, ml.spins)
@@ -192,7 +180,7 @@ OBSERVED = {"Axis", "Function", "Observable", "Together"}
 # Functions that run others, or take numbers without units: names, keys, points of no dimension.
 RUNS = {
     *("check", "ensemble", "fit", "integrate", "integrate_variable_step", "method", "methods", "recommend", "scatter"),
-    *("simulate", "stepper", "checkerboard", "read", "write_xyz", "register_for_export", "gmst"),
+    *("simulate", "stepper", "tumblings", "checkerboard", "read", "write_xyz", "register_for_export", "gmst"),
 }
 
 
@@ -209,8 +197,8 @@ def steps_of(name: str, u: Units) -> Any:
     return body, torque, state, u(0.02, TIME)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(("dtype", "name"), [*product(DTYPES, CLASSES), *whole(*product(DTYPES, OTHERS))])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("dtype", "name"), [*product(["float32"], CLASSES), *whole(*product(DTYPES, OTHERS))])
 def test_a_run_in_other_units_is_the_same_run(dtype, name):
     run = jax.jit(lambda body, torque, start, dt: ml.integrate(name, body, torque, start, dt=dt, steps=4))
     reference = run(*steps_of(name, Units(dtype)))
@@ -227,7 +215,7 @@ def test_a_run_in_other_units_is_the_same_run(dtype, name):
 
 # ---- SI values, and what the dtype does not hold ----
 
-SUN, YEAR = 1.32712e20, 3.156e7
+SUN = 1.32712e20
 
 
 def test_orbits_about_the_sun_in_si_units_and_float32():
@@ -243,35 +231,14 @@ def test_orbits_about_the_sun_in_si_units_and_float32():
 
 
 @pytest.mark.parametrize("moment", [5e-32, 8e37])
-@pytest.mark.parametrize(
-    "made",
-    [
-        lambda x: ml.RigidBody(x * np.ones(3, np.float32)),
-        ml.SymmetricRotor,
-        lambda x: ml.TensorBody(x * np.eye(3, dtype=np.float32)),
-    ],
-)
-def test_moments_beyond_float32_name_the_cure(made, moment):
+def test_moments_beyond_float32_name_the_cure(moment):
     """Those of a nanoparticle and of the Earth, in kg m^2."""
-    with pytest.raises(ValueError, match=r"must be between 5e-31 and 2e\+30 in float32.*jax_enable_x64"):
-        made(np.float32(moment))
-    assert made(float(moment)) if made is ml.SymmetricRotor else ml.RigidBody(moment * np.ones(3))
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_bodies_of_known_numbers_are_made_within_a_program(dtype):
-    """As in a user's own jit: the checks read the numbers, and trace nothing."""
-    moments, one = jnp.asarray([5.0, 5.0, 1.0], dtype), jnp.asarray(2.0, dtype)
-    made = {
-        "rigid": lambda: ml.RigidBody(moments),
-        "tensor": lambda: ml.TensorBody(jnp.diag(moments)),
-        "rotor": lambda: ml.SymmetricRotor(one, one),
-        "free": lambda: ml.FreeBody(ml.RigidBody(moments), one),
-        "particles": lambda: ml.Particles(one),
-        "points": lambda: ml.molecules.from_points(moments, jnp.eye(3, dtype=dtype)),
-    }
-    for make in made.values():
-        jax.eval_shape(make)
+    one = np.float32(moment)
+    for make in (ml.RigidBody, ml.TensorBody, ml.SymmetricRotor):
+        given = {ml.RigidBody: np.full(3, one), ml.TensorBody: one * np.eye(3, dtype=np.float32)}.get(make, one)
+        with pytest.raises(ValueError, match=r"must be between 5e-31 and 2e\+30 in float32.*jax_enable_x64"):
+            make(given)
+    assert ml.RigidBody(moment * np.ones(3))
 
 
 @pytest.mark.parametrize("value", [1e40, 1e-50, [1e39, 0.0, 1.0]])
@@ -298,7 +265,6 @@ def late(driver: Callable[..., Any], start: Any = None, **options: Any) -> Any:
 MINUTES = 8e8 + 10 * np.arange(721.0)
 FROZEN = {
     "integrate": lambda path: late(ml.integrate),
-    "integrate backwards": lambda path: late(ml.integrate, dt=-0.1, t0=-LATE),
     "ensemble": lambda path: late(ml.ensemble, TWO, t0=jnp.array([0.0, LATE], jnp.float32)),
     "simulate": lambda path: late(ml.simulate, TWO, out=path / "run.npz"),
     "integrate_variable_step": lambda path: late(ml.integrate_variable_step, density=lambda t, state: 1 + 0 * t),
@@ -307,10 +273,6 @@ FROZEN = {
         rigid(SINGLE), None, turning(SINGLE), tolerance=1e-2, duration=10.0, t0=LATE
     ),
     "free_motion": lambda path: ml.free_motion(rigid(SINGLE), turning(SINGLE), MINUTES),
-    "free_motion of rounded times": lambda path: ml.free_motion(
-        rigid(SINGLE), turning(SINGLE), MINUTES.astype(np.float32)
-    ),
-    "free_motion of one time": lambda path: ml.free_motion(rigid(SINGLE), turning(SINGLE), [LATE + 10], t0=LATE),
     "Rates": lambda path: ml.fitting.Rates(MINUTES, np.zeros((721, 3), np.float32), 1.0),
     "Observed": lambda path: ml.fitting.Observed(MINUTES, np.zeros(721, np.float32), 1.0, lambda t, s, b, v: t),
     "fit": lambda path: ml.fit(

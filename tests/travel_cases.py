@@ -1,4 +1,4 @@
-"""What the laws of bodies that travel and of axes share: kinds of body and state, one forced motion, compiled runs."""
+"""What the laws of bodies that translate, of axes and of coupled bodies share: kinds, one forced motion, runs."""
 
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -6,122 +6,180 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import BUILDS, METHODS, equal_moments, quick, real, turn
+from cases import METHODS, WAYS, equal_moments, quick, real, turn
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.integrators import schemes
 
-STEPS, LEVELS = 128, 4
-MASS, ATTITUDE, LINEAR, POSITION = 3.0, turn(0.5, -0.3, 0.8), (1.5, -0.6, 0.9), (0.8, 0.5, -0.4)
-MOMENTUM = (1.0, 0.8, -1.3)
-WEIGHT, SPRING, COUPLING = 2.0, 1.5, 0.7
+STEPS, LEVELS = 64, 4
+DT = [1 / (16 << level) for level in range(LEVELS)]
+WEIGHT, SPRING, COUPLING = 0.9, 1.5, 0.4
 TENSOR = np.array([[2.0, 0.1, 0.05], [0.1, 1.7, -0.2], [0.05, -0.2, 2.4]])
+MASS, LINEAR = 3.0, (1.5, -0.6, 0.9)
+ONE = (1.0, 0.8, -1.3), turn(0.5, -0.3, 0.8), LINEAR, (0.8, 0.5, -0.4)
 
 
 class Kind(NamedTuple):
     """A kind of body and state.
 
     Attributes:
-        body: makes the body in a dtype.
-        start: makes the state from a FreeState of the body with the same inertia tensor.
-        inertia: the inertia tensor, (3, 3); of a symmetric body for axes.
+        state: its class.
+        inertia: the inertia tensor, (3, 3), or (N, 3, 3) of N bodies. Two are moved number by number, five side by
+            side, with their function compiled apart.
+        mass: () or (N,); None if they do not translate.
     """
 
-    body: Any
-    start: Any
+    state: Any
     inertia: np.ndarray
+    mass: Any
+
+    @property
+    def count(self) -> int:
+        return len(np.atleast_3d(self.inertia)) if self.inertia.ndim == 3 else 1
+
+    @property
+    def axes(self) -> bool:
+        return issubclass(self.state, ml.AxisState | ml.FreeAxisState)
+
+    def body(self, dtype: Any = "float64") -> Any:
+        moments = jnp.asarray(np.diagonal(self.inertia, axis1=-2, axis2=-1), dtype)
+        if self.axes:
+            turning: Any = ml.SymmetricRotor(moments[..., 0], moments[..., 2])
+        else:
+            turning = ml.TensorBody(jnp.asarray(TENSOR, dtype)) if self.inertia is TENSOR else ml.RigidBody(moments)
+        return turning if self.mass is None else ml.FreeBody(turning, jnp.asarray(self.mass, dtype))
+
+    def of(self, momentum: Any, attitude: Any, linear: Any, position: Any) -> Any:
+        """The state of this kind, from the numbers of bodies that rotate and translate."""
+        if self.axes:
+            axis = ml.AxisState.of(ml.RigidState(momentum, attitude))
+            momentum, attitude = axis.momentum, axis.axis
+        return self.state(momentum, attitude, *(() if self.mass is None else (linear, position)))
 
 
-def _free(of):
-    return lambda dtype: ml.FreeBody(of(dtype), jnp.asarray(MASS, dtype))
-
-
-def _rigid(dtype):
-    return ml.RigidBody(jnp.array([1.0, 2.0, 2.5], dtype))
-
-
-def _tensor(dtype):
-    return ml.TensorBody(jnp.asarray(TENSOR, dtype))
-
-
-def _symmetric(dtype):
-    return ml.RigidBody(jnp.array([2.0, 2.0, 0.9], dtype))
-
-
-def _rotor(dtype):
-    return ml.SymmetricRotor(jnp.asarray(2.0, dtype), jnp.asarray(0.9, dtype))
+def several(state, count, axes=False, travels=True):
+    moments = np.random.default_rng(1).uniform(1.0, 1.6, (count, 3))
+    moments = moments[:, [0, 0, 2]] if axes else moments
+    mass = np.random.default_rng(2).uniform(1.0, 2.0, count) if travels else None
+    return Kind(state, moments[:, None] * np.eye(3), mass)
 
 
 SYMMETRIC = np.diag([2.0, 2.0, 0.9])
-KINDS = {
-    "free": Kind(_free(_rigid), lambda s: s, np.diag([1.0, 2.0, 2.5])),
-    "free tensor": Kind(_free(_tensor), lambda s: s, TENSOR),
-    "free symmetric": Kind(_free(_symmetric), lambda s: s, SYMMETRIC),
-    "axis": Kind(_rotor, lambda s: ml.AxisState.of(s.turning), SYMMETRIC),
-    "free axis": Kind(_free(_rotor), ml.FreeAxisState.of, SYMMETRIC),
+SINGLE = {
+    "free": Kind(ml.FreeState, np.diag([1.0, 2.0, 2.5]), MASS),
+    "free tensor": Kind(ml.FreeState, TENSOR, MASS),
+    "free symmetric": Kind(ml.FreeState, SYMMETRIC, MASS),
+    "axis": Kind(ml.AxisState, SYMMETRIC, None),
+    "free axis": Kind(ml.FreeAxisState, SYMMETRIC, MASS),
 }
+COUPLED = {
+    "two": several(ml.CoupledState, 2),
+    "five": several(ml.CoupledState, 5),
+    "two rigid": several(ml.CoupledRigidState, 2, travels=False),
+    "five rigid": several(ml.CoupledRigidState, 5, travels=False),
+    "two axes": several(ml.CoupledFreeAxisState, 2, axes=True),
+    "five axes": several(ml.CoupledAxisState, 5, axes=True, travels=False),
+}
+KINDS = SINGLE | COUPLED
 
 
-def moved_by(kind, names=None):
+def moved_by(kind):
     """The names of the methods that move a kind."""
-    body = KINDS[kind].body("float64").in_principal_axes()
-    asymmetric = kind in ("free", "free tensor")
-    movers = [m.name for m in METHODS if m.moves(body) and not (asymmetric and equal_moments(m))]
-    return [name for name in movers if names is None or name in names]
+    body, symmetric = KINDS[kind].body().in_principal_axes(), "symmetric" in kind or KINDS[kind].axes
+    movers = [m for m in METHODS if m.moves(body) and (m.several or kind in SINGLE)]
+    return [m.name for m in movers if symmetric or not equal_moments(m)]
 
 
-# Every kind with the methods that are built differently; every other method in the whole matrix.
-FEW = [("free", name) for name in moved_by("free", BUILDS)]
+# Every kind with a fast method, and one method for each way of taking a step; the others in the whole matrix.
+FEW = [("free", name) for name in moved_by("free") if name in WAYS]
 FEW += [("axis", "SYMMETRIC[EA]"), ("axis", "SYMMETRIC[SRKN14a]"), ("axis", "GBS12")]
 FEW += [("free axis", "SYMMETRIC[EA]"), ("free axis", "RK4")]
 FEW += [("free tensor", "JACOBI[EA]"), ("free symmetric", "SYMMETRIC[EA]")]
+FEW += [("two", "JACOBI[EA]"), ("five", "JACOBI[EA]"), ("five", "JACOBI[SRKN6b]"), ("two", "GBS12")]
+FEW += [("five", "JACOBI[CHIN4A]"), ("two rigid", "JACOBI[EA]")]
+FEW += [("five axes", "SYMMETRIC[EA]"), ("two axes", "SYMMETRIC[SRKN6b]"), ("five rigid", "LIEMID[EA]")]
 ALL = [(kind, name) for kind in KINDS for name in moved_by(kind)]
 
 
+def numbers_of(kind):
+    """Momentum, attitude, linear momentum and position."""
+    if kind in SINGLE:
+        return [np.array(x) for x in ONE]
+    count = KINDS[kind].count
+    rng = np.random.default_rng(count)
+    attitude = Rotation.random(count, rng).as_quat(scalar_first=True)
+    momentum, linear, position = rng.normal(size=(3, count, 3))
+    return [momentum, attitude, 0.5 * linear, position]
+
+
 def start(kind, dtype="float64"):
-    state = ml.FreeState(*(jnp.asarray(x, dtype) for x in (MOMENTUM, ATTITUDE, LINEAR, POSITION)))
-    return KINDS[kind].start(state)
-
-
-def third(state):
-    """The third axis of the body in space."""
-    return state.axis if hasattr(state, "axis") else ml.so3.to_matrix(state.attitude)[:, 2]
+    return KINDS[kind].of(*(jnp.asarray(x, dtype) for x in numbers_of(kind)))
 
 
 def potential(weight, t, state):
-    """Gravity on the axis; for a body that travels also a spring, and a field that couples place and axis."""
+    """For one body gravity on its axis, a spring, and a field that couples position and axis.
+
+    For each pair of several bodies axes that align, a spring, and the product of both axes with the way.
+    """
     del t
-    axis = third(state)
-    value = weight * axis[2]
-    if state.kind.rotation is None:
+    e = state.axis if hasattr(state, "axis") else ml.so3.to_matrix(state.attitude)[..., 2]
+    travels = state.kind.rotation is not None
+    if e.ndim == 1:
+        field = SPRING / 2 * jnp.sum(state.position**2) + COUPLING * (e @ state.position) * e[0] if travels else 0
+        return weight * e[2] + field
+    value = 0.5 * weight * jnp.sum(jnp.sum(e, 0) ** 2)
+    if not travels:
         return value
-    return value + SPRING / 2 * jnp.sum(state.position**2) + COUPLING * jnp.dot(axis, state.position) * axis[0]
+    d = state.position[:, None] - state.position[None]
+    along = jnp.sum(e[:, None] * d, -1)
+    return value + SPRING / 4 * jnp.sum(d * d) - COUPLING / 2 * jnp.sum(along * along.T)
 
 
-def forced(weight):
-    return ml.torques.FromPotential(jax.tree_util.Partial(potential, weight))
+def by_hand(e, x, travels):
+    """Its slopes with the axes (N, 3), and the forces."""
+    n = len(e)
+    slope, force = np.tile(WEIGHT * (e.sum(0) if n > 1 else np.array([0, 0, 1.0])), (n, 1)), np.zeros((n, 3))
+    if not travels:
+        return slope, force
+    if n == 1:
+        slope += COUPLING * (e[0, 0] * x + np.array([[e[0] @ x[0], 0, 0]]))
+        return slope, -SPRING * x - COUPLING * e[0, 0] * e
+    for i in range(n):
+        for j in range(n):
+            if i != j:  # of the pair, the part that moves i
+                d = x[j] - x[i]
+                force[i] += SPRING * d + COUPLING * ((e[j] @ d) * e[i] + (e[i] @ d) * e[j])
+                slope[i] += COUPLING * (e[j] @ d) * d
+    return slope, force
 
 
-def integrate(kind, name, state, dt, first=0, weight=None, torque=None, steps=STEPS, save_every=1, **options):
-    body, dtype = KINDS[kind].body(state.momentum.dtype), state.momentum.dtype
-    if torque is None:
-        torque = forced(jnp.asarray(WEIGHT, dtype) if weight is None else weight)
-    return ml.integrate(
-        name, body, torque, state, dt=dt, steps=steps, save_every=save_every, first_step=first, **options
-    )
+def forced(weight=WEIGHT):
+    return ml.torques.FromPotential(jax.tree_util.Partial(potential, jnp.asarray(weight)))
+
+
+def integrate(kind, name, state, dt, first=0, torque=None, steps=STEPS, save_every=1, **options):
+    dtype = state.momentum.dtype
+    torque = forced(jnp.asarray(WEIGHT, dtype)) if torque is None else torque
+    run = {"dt": dt, "steps": steps, "save_every": save_every, "first_step": first}
+    return ml.integrate(name, KINDS[kind].body(dtype), torque, state, **run, **options)
 
 
 @cache
-def compiled(kind, name, hurried=True):
-    return (quick if hurried else real)(jax.vmap(partial(integrate, kind, name)))
+def compiled(kind, name):
+    return quick(jax.vmap(partial(integrate, kind, name)))
 
 
-def run(kind, name, states, dt, first=None, hurried=True):
-    first = np.zeros(len(dt), np.int32) if first is None else first
-    dtype = states.momentum.dtype
-    return jax.tree.map(np.asarray, compiled(kind, name, hurried)(states, jnp.asarray(dt, dtype), first))
+def run(kind, name, states, dt, first=0):
+    dt = jnp.asarray(dt, states.momentum.dtype)
+    return jax.tree.map(np.asarray, compiled(kind, name)(states, dt, np.full(len(dt), first, np.int32)))
+
+
+def loops_of(kind, name, batch, torque=None):
+    """The text of a program of eight steps, compiled as for users."""
+    one = partial(integrate, kind, name, dt=0.01, torque=torque, steps=8, save_every=8)
+    return real(jax.vmap(one)).lower(stacked(*[start(kind)] * batch)).compile().as_text()
 
 
 def roundings(name, steps=STEPS):
@@ -145,23 +203,26 @@ def gap(a, b):
 
 @cache
 def truth(kind, duration):
-    """The end of the forced motion by SciPy on thirteen numbers, with forces written by hand."""
-    inertia, travels = KINDS[kind].inertia, start(kind).kind.rotation is not None
+    """The end of the forced motion by SciPy on 13 N numbers, with forces written by hand."""
+    k = KINDS[kind]
+    n, inertia, travels = k.count, k.inertia.reshape(-1, 3, 3), k.mass is not None
+    mass = np.reshape(k.mass if travels else np.ones(n), (n, 1))
+
+    def split(y):
+        return [part.reshape(n, -1) for part in np.split(y, np.cumsum([3 * n, 4 * n, 3 * n]))]
 
     def rate(t, y):
-        momentum, q, linear, x = y[:3], y[3:7], y[7:10], y[10:]
-        frame = Rotation.from_quat(q, scalar_first=True).as_matrix()
-        velocity, e = np.linalg.solve(inertia, momentum), frame[:, 2]
-        slope, force = np.array([0.0, 0.0, WEIGHT]), np.zeros(3)
-        if travels:
-            slope = slope + COUPLING * (e[0] * x + np.array([e @ x, 0, 0]))
-            force = -SPRING * x - COUPLING * e[0] * e
-        torque = -frame.T @ np.cross(e, slope)
-        w, u = q[0], q[1:]
-        turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
-        return np.concatenate([np.cross(momentum, velocity) + torque, turning, force, linear / MASS])
+        momentum, q, linear, x = split(y)
+        frames = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        velocity, e = np.linalg.solve(inertia, momentum[..., None])[..., 0], frames[:, :, 2]
+        slope, force = by_hand(e, x, travels)
+        torque = -np.einsum("nji,nj->ni", frames, np.cross(e, slope))
+        w, u = q[:, :1], q[:, 1:]
+        turning = np.concatenate([-np.sum(u * velocity, 1, keepdims=True), w * velocity + np.cross(u, velocity)], 1) / 2
+        parts = np.cross(momentum, velocity) + torque, turning, force, linear / mass
+        return np.concatenate([part.ravel() for part in parts])
 
-    y0 = np.concatenate([MOMENTUM, ATTITUDE, LINEAR, POSITION])
-    y = solve_ivp(rate, (0, duration), y0, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    y[3:7] /= np.linalg.norm(y[3:7])
-    return KINDS[kind].start(ml.FreeState(*map(jnp.asarray, (y[:3], y[3:7], y[7:10], y[10:]))))
+    y0 = np.concatenate([x.ravel() for x in numbers_of(kind)])
+    momentum, q, linear, x = split(solve_ivp(rate, (0, duration), y0, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1])
+    numbers = momentum, q / np.linalg.norm(q, axis=1, keepdims=True), linear, x
+    return k.of(*(jnp.asarray(part[0] if kind in SINGLE else part) for part in numbers))

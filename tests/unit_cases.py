@@ -152,7 +152,6 @@ TORQUES = {
     "GravityGradient on an ellipse": on(
         lambda u: ml.spacecraft.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU))
     ),
-    "GravityGradient on a table": on(lambda u: ml.spacecraft.GravityGradient(None, table(u), u(6.0, MU))),
     "EddyCurrents": on(lambda u: ml.spacecraft.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR))),
     "Held": on(lambda u: torques.Held(u([VECTOR, (0.4, 0.1, -0.7)], TORQUE), u(8.0, TIME), u(-8.0, TIME))),
     "Pulses": on(lambda u: torques.Pulses(u([-4.0], TIME), u(8.0, TIME), u(VECTOR, TORQUE))),
@@ -179,9 +178,6 @@ TORQUES = {
     "UniformGravity": on(lambda u: torques.UniformGravity(u(VECTOR, ACCELERATION)), moving),
     "PointMass": on(lambda u: torques.PointMass(u(20.0, MU)), moving),
     "Oblateness": on(lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, u(UNIT)), moving),
-    "Oblateness without gradient": on(
-        lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, gradient=False), moving
-    ),
     "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving),
     "Thrust": on(lambda u: ml.spacecraft.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving),
     "MutualGravity": on(lambda u: ml.asteroids.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair),
@@ -198,7 +194,6 @@ TORQUES = {
     "Exchange": on(lambda u: ml.spins.Exchange(u(1.5, FIELD)), chain),
     "DzyaloshinskiiMoriya": on(lambda u: ml.spins.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain),
     "Anisotropy": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD), u(UNIT)), chain),
-    "Anisotropy about z": on(lambda u: ml.spins.Anisotropy(u(0.7, FIELD)), chain),
     "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain),
     "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION))),
 }
@@ -208,11 +203,6 @@ WITHOUT_UNITS = {
 }
 
 
-def _tumbling(make: Any, body: Any, slow: Any, fast: Any, **mode: str) -> Any:
-    periods = {"precession_period": slow, "rotation_period": fast}
-    return make(body, **periods, axis="short", pole=jnp.array([0, 0.6, 0.8], slow.dtype), phases=(0.1, 0.2), **mode)
-
-
 def _wheels(momentum: Any, time: Any, t: Any) -> Any:
     return momentum * (1 + t / time)
 
@@ -220,13 +210,19 @@ def _wheels(momentum: Any, time: Any, t: Any) -> Any:
 # ---- orbits, densities, functions of bodies and states ----
 
 
-def at(make: Callable[[Units], Any], found: Any) -> Case:
+def at(make: Callable[[Units], Any], found: Any = NUMBER) -> Case:
     """An orbit or a field at a time."""
     return Case(lambda u: (make(u), u(0.75, TIME)), lambda orbit, t: orbit(t), found)
 
 
-def of(function: Callable[..., Any], build: Callable[[Units], tuple[Any, ...]], found: Any) -> Case:
-    return Case(build, function, found)
+def seen(make: Callable[[Units], Any], found: Any = NUMBER) -> Case:
+    """A function of time and state."""
+    return Case(lambda u: (make(u), turning(u), u(0.75, TIME)), lambda f, state, t: f(t, state), found)
+
+
+def of(call: Callable[..., Any], found: Any, *numbers: Any, after: Callable[[Units], tuple[Any, ...]] | None = None):
+    """A function of what a scene makes, and of numbers, each with its dimension."""
+    return Case(lambda u: (*(after(u) if after else ()), *(u(*x) for x in numbers)), call, found)
 
 
 def elements(u: Units, eccentricity: float, **size_and_place: Any) -> Any:
@@ -244,35 +240,21 @@ ORBITS = {
         lambda u: elements(u, 0.3, semi_major_axis=u(3.0, LENGTH), mean_anomaly=u(0.3), epoch=u(0.5, TIME)), LENGTH
     ),
     "TableOrbit": at(table, LENGTH),
-    "TableField": at(lambda u: orbits.TableField(table(u).times, u(np.cos(np.arange(18.0).reshape(6, 3)))), NUMBER),
-    "DipoleField": at(lambda u: orbits.DipoleField(ellipse(u), u(VECTOR, LENGTH), u(2.0, AREA), u(0.5, RATE)), NUMBER),
+    "TableField": at(lambda u: orbits.TableField(table(u).times, u(np.cos(np.arange(18.0).reshape(6, 3))))),
+    "DipoleField": at(lambda u: orbits.DipoleField(ellipse(u), u(VECTOR, LENGTH), u(2.0, AREA), u(0.5, RATE))),
 }
 DENSITIES = {
-    "OrbitalDistance": of(
-        lambda d, state, t: d(t, state),
-        lambda u: (densities.OrbitalDistance(ellipse(u), u(5.0, LENGTH)), turning(u), u(0.75, TIME)),
-        NUMBER,
+    "OrbitalDistance": seen(lambda u: densities.OrbitalDistance(ellipse(u), u(5.0, LENGTH))),
+    "TorqueSize": seen(
+        lambda u: densities.TorqueSize(torques.HeavyTop(u(2.0, TORQUE)), u(2.0, TORQUE), u(0.5, TORQUE))
     ),
-    "TorqueSize": of(
-        lambda d, state: d(0.0, state),
-        lambda u: (densities.TorqueSize(torques.HeavyTop(u(2.0, TORQUE)), u(2.0, TORQUE), u(0.5, TORQUE)), turning(u)),
-        NUMBER,
-    ),
-    "Spin": of(
-        lambda d, state: d(0.0, state),
-        lambda u: (densities.Spin(u([1.0, 2.0, 2.5], INERTIA), u(2.0, RATE), u(0.1, RATE)), turning(u)),
-        NUMBER,
-    ),
+    "Spin": seen(lambda u: densities.Spin(u([1.0, 2.0, 2.5], INERTIA), u(2.0, RATE), u(0.1, RATE))),
 }
 
 
-def light(u: Units) -> tuple[Any, Any]:
-    return ml.asteroids.EllipsoidBrightness(u([3.0, 2.0, 1.0], LENGTH), u([1.0, 0, 0]), u([0.0, 1, 0])), turning(u)
-
-
-def box_light(u: Units) -> tuple[Any, Any]:
+def box_light(u: Units) -> Any:
     law = ml.asteroids.LommelSeeliger(0.1)
-    return ml.asteroids.Brightness(surface(u), u([0.8, 0, 0.6]), u([0.0, 0.6, 0.8]), law), turning(u)
+    return ml.asteroids.Brightness(surface(u), u([0.8, 0, 0.6]), u([0.0, 0.6, 0.8]), law)
 
 
 def observed(observable: Any) -> Callable[..., Any]:
@@ -287,117 +269,28 @@ def scene(u: Units) -> tuple[Any, ...]:
     return torques.PointMass(u(20.0, MU)), free(u), travelling(u), u(0.75, TIME)
 
 
-TUMBLE = (None, NUMBER, TIME, TIME, TIME, RATE, MOMENTUM, NUMBER, (NUMBER, NUMBER))
-VERTICES = [[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 2.0]]
-FACES = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+def flying(u: Units) -> tuple[Any, ...]:
+    return (travelling(u),)
 
 
-def solid(u: Units) -> tuple[Any, ...]:
-    return u(VERTICES, LENGTH), u(0.5, DENSITY)
-
-
-def of_solid(vertices: Any, density: Any) -> Any:
+def solid(vertices: Any, density: Any) -> Any:
     made = ml.Surface(vertices, FACES).centred()
     body = made.body(density)
     return made.areas, made.normals, made.volume, made.centre_of_mass, made.mass(density), body.principal.moments
 
 
-FUNCTIONS = {
-    "kinetic_energy": of(ml.observe.kinetic_energy, moving, ENERGY),
-    "energy": of(lambda torque, body, state, t: ml.observe.energy(body, torque, state, t), scene, ENERGY),
-    "angular_velocity": of(ml.observe.angular_velocity, alone, RATE),
-    "spatial_angular_velocity": of(ml.observe.spatial_angular_velocity, alone, RATE),
-    "spatial_momentum": of(ml.observe.spatial_momentum, lambda u: (travelling(u),), MOMENTUM),
-    "linear_momentum": of(ml.observe.linear_momentum, lambda u: (travelling(u),), PUSH),
-    "velocity": of(ml.observe.linear_velocity, moving, SPEED),
-    "tumble": of(lambda body, state: tuple(ml.asteroids.tumble(body, state)), alone, TUMBLE),
-    "tumbling": of(
-        lambda *given: _tumbling(ml.asteroids.tumbling, *given, mode="short"),
-        lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
-        (MOMENTUM, NUMBER),
-    ),
-    "tumblings": of(
-        lambda *given: _tumbling(ml.asteroids.tumblings, *given)["short", "short"],
-        lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
-        (MOMENTUM, NUMBER),
-    ),
-    "free_motion": of(
-        lambda body, state, times: ml.free_motion(body, state, times).states,
-        lambda u: (*alone(u), u([0.0, 0.5, -2.0], TIME)),
-        (MOMENTUM, NUMBER),
-    ),
-    "TensorBody": of(
-        lambda tensor: ml.TensorBody(tensor),
-        lambda u: (u([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]], INERTIA),),
-        (INERTIA, None),
-    ),
-    "Particles": of(
-        lambda mass, momentum: ml.Particles(mass).velocity(momentum),
-        lambda u: (u([[2.0, 0.5, 0.0], [0.5, 3.0, 0.0], [0.0, 0.0, 1.0]], MASS), u(VECTOR, PUSH)),
-        SPEED,
-    ),
-    "SymmetricRotor": of(
-        lambda moment, momentum: ml.SymmetricRotor(moment).velocity(momentum),
-        lambda u: (u(2.0, INERTIA), u(VECTOR, MOMENTUM)),
-        RATE,
-    ),
-    "Surface": of(of_solid, solid, (AREA, NUMBER, (3, 0, 0), LENGTH, MASS, INERTIA)),
-    "Surface.ellipsoid": of(
-        lambda axes: ml.Surface.ellipsoid(axes, 20).areas, lambda u: (u([3.0, 2.0, 1.0], LENGTH),), AREA
-    ),
-    "Surface.box": of(lambda sides: ml.Surface.box(sides).areas, lambda u: (u([3.0, 2.0, 1.0], LENGTH),), AREA),
-    "from_points": of(
-        lambda masses, places: ml.molecules.from_points(masses, places),
-        lambda u: (u([2.0, 1.0, 1.5, 0.5], MASS), u(VERTICES, LENGTH)),
-        ((INERTIA, MASS), LENGTH),
-    ),
-    "joined": of(
-        lambda moments, mass, place: _joined(moments, mass, place),
-        lambda u: (u([2.0, 1.0, 1.5], INERTIA), u(2.0, MASS), u([1.0, -0.5, 2.0], LENGTH)),
-        (INERTIA, MASS, LENGTH),
-    ),
-    "sites": of(ml.molecules.sites, lambda u: (travelling(u), u(VERTICES, LENGTH)), LENGTH),
-    "wrench_on_sites": of(
-        ml.molecules.wrench_on_sites,
-        lambda u: (travelling(u), u(VERTICES, LENGTH), u(VERTICES, FORCE)),
-        (TORQUE, FORCE),
-    ),
-    "straight_rod": of(
-        lambda *sizes: _rod(*sizes),
-        lambda u: (u(6.0, LENGTH), u(0.5, LENGTH), u(3.0, DENSITY), u(2.0, (-1, 1, -2))),
-        ((INERTIA, MASS), (LENGTH, FORCE, (3, 1, -2)), (MOMENTUM, NUMBER, PUSH, LENGTH)),
-    ),
-    "DrivenWheels": of(
-        lambda *numbers: _driven(*numbers),
-        lambda u: (
-            *alone(u),
-            u(0.25, TIME),
-            u([0.4, -0.2], MOMENTUM),
-            u(0.5, TORQUE),
-            u(0.1, FRICTION),
-            u(0.2, INERTIA),
-        ),
-        ((MOMENTUM, NUMBER), MOMENTUM),
-    ),
-    "EllipsoidBrightness": of(lambda light, state: light(0.0, state), light, AREA),
-    "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
-    "energy in a run": of(observed(ml.observe.energy), scene, ENERGY),
-    "spatial_momentum in a run": of(observed(ml.observe.spatial_momentum), scene, MOMENTUM),
-    "Pressure": of(observed(ml.molecules.Pressure()), box_of_two, (-1, 1, -2)),
-    "EulerAngles in a run": of(observed(ml.observe.EulerAngles("ZXZ")), scene, NUMBER),
-    "angular_velocity in a run": of(observed(ml.observe.angular_velocity), scene, RATE),
-    "position in a run": of(observed(ml.observe.position), scene, LENGTH),
-    "linear_velocity in a run": of(observed(ml.observe.linear_velocity), scene, SPEED),
-}
+def tumbling(moments: Any, slow: Any, fast: Any) -> Any:
+    how = {"precession_period": slow, "rotation_period": fast, "axis": "short", "phases": (0.1, 0.2), "mode": "short"}
+    return ml.asteroids.tumbling(ml.RigidBody(moments), pole=jnp.array([0, 0.6, 0.8], slow.dtype), **how)
 
 
-def _joined(moments: Any, mass: Any, place: Any) -> Any:
+def joined(moments: Any, mass: Any, place: Any) -> Any:
     body, centre = ml.FreeBody.joined([(ml.RigidBody(moments), mass, place), (None, 2 * mass, -place)])
     assert isinstance(body.body, ml.TensorBody)
     return body.body.tensor, body.mass, centre
 
 
-def _driven(body: Any, state: Any, dt: Any, momenta: Any, motor: Any, friction: Any, inertia: Any) -> Any:
+def driven(body: Any, state: Any, dt: Any, momenta: Any, motor: Any, friction: Any, inertia: Any) -> Any:
     axes = jnp.asarray([[0, 0, 1], [1, 0, 0]], dt.dtype)
     wheels = ml.spacecraft.DrivenWheels(axes, motor, 1.2 * momenta[0], friction, inertia)
     free = ml.stepper("JACOBI[EA]", body, None, state, dt=dt)
@@ -405,10 +298,53 @@ def _driven(body: Any, state: Any, dt: Any, momenta: Any, motor: Any, friction: 
     return free.state(carry), momenta
 
 
-def _rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:
+def rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:
     axes = (jnp.zeros(3, length.dtype), jnp.array([0, 0, 1], length.dtype), jnp.array([1, 0, 0], length.dtype))
-    rod = ml.molecules.straight_rod(3, *axes, length=length, radius=radius, density=density, youngs_modulus=modulus)
-    return tuple(rod)
+    made = ml.molecules.straight_rod(3, *axes, length=length, radius=radius, density=density, youngs_modulus=modulus)
+    return tuple(made)
 
 
+TUMBLE = (None, NUMBER, TIME, TIME, TIME, RATE, MOMENTUM, NUMBER, (NUMBER, NUMBER))
+VERTICES = [[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 2.0]]
+FACES = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+SIDES, FULL = ([3.0, 2.0, 1.0], LENGTH), [[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]]
+POINTS = VERTICES, LENGTH
+ROD = (INERTIA, MASS), (LENGTH, FORCE, (3, 1, -2)), (MOMENTUM, NUMBER, PUSH, LENGTH)
+WHEELS = (0.25, TIME), ([0.4, -0.2], MOMENTUM), (0.5, TORQUE), (0.1, FRICTION), (0.2, INERTIA)
+OF_SOLID = AREA, NUMBER, (3, 0, 0), LENGTH, MASS, INERTIA
+THREE = ([2.0, 1.0, 1.5], INERTIA)
+FUNCTIONS = {
+    "kinetic_energy": of(ml.observe.kinetic_energy, ENERGY, after=moving),
+    "energy": of(lambda torque, body, state, t: ml.observe.energy(body, torque, state, t), ENERGY, after=scene),
+    "angular_velocity": of(ml.observe.angular_velocity, RATE, after=alone),
+    "spatial_angular_velocity": of(ml.observe.spatial_angular_velocity, RATE, after=alone),
+    "spatial_momentum": of(ml.observe.spatial_momentum, MOMENTUM, after=flying),
+    "linear_momentum": of(ml.observe.linear_momentum, PUSH, after=flying),
+    "velocity": of(ml.observe.linear_velocity, SPEED, after=moving),
+    "tumble": of(lambda body, state: tuple(ml.asteroids.tumble(body, state)), TUMBLE, after=alone),
+    "tumbling": of(tumbling, (MOMENTUM, NUMBER), ([1.0, 2.0, 2.5], INERTIA), (3.9, TIME), (12.0, TIME)),
+    "free_motion": of(
+        lambda *given: ml.free_motion(*given).states, (MOMENTUM, NUMBER), ([0.0, 0.5, -2.0], TIME), after=alone
+    ),
+    "TensorBody": of(lambda tensor: ml.TensorBody(tensor), (INERTIA, None), (FULL, INERTIA)),
+    "Particles": of(lambda m, p: ml.Particles(m).velocity(p), SPEED, (FULL, MASS), (VECTOR, PUSH)),
+    "SymmetricRotor": of(lambda i, p: ml.SymmetricRotor(i).velocity(p), RATE, (2.0, INERTIA), (VECTOR, MOMENTUM)),
+    "Surface": of(solid, OF_SOLID, POINTS, (0.5, DENSITY)),
+    "Surface.ellipsoid": of(lambda axes: ml.Surface.ellipsoid(axes, 20).areas, AREA, SIDES),
+    "Surface.box": of(lambda sides: ml.Surface.box(sides).areas, AREA, SIDES),
+    "from_points": of(ml.molecules.from_points, ((INERTIA, MASS), LENGTH), ([2.0, 1.0, 1.5, 0.5], MASS), POINTS),
+    "joined": of(joined, (INERTIA, MASS, LENGTH), THREE, (2.0, MASS), ([1.0, -0.5, 2.0], LENGTH)),
+    "sites": of(ml.molecules.sites, LENGTH, POINTS, after=flying),
+    "wrench_on_sites": of(ml.molecules.wrench_on_sites, (TORQUE, FORCE), POINTS, (VERTICES, FORCE), after=flying),
+    "straight_rod": of(rod, ROD, (6.0, LENGTH), (0.5, LENGTH), (3.0, DENSITY), (2.0, (-1, 1, -2))),
+    "DrivenWheels": of(driven, ((MOMENTUM, NUMBER), MOMENTUM), *WHEELS, after=alone),
+    "EllipsoidBrightness": seen(
+        lambda u: ml.asteroids.EllipsoidBrightness(u(*SIDES), u([1.0, 0, 0]), u([0.0, 1, 0])), AREA
+    ),
+    "Brightness": seen(box_light, AREA),
+    "Pressure": of(observed(ml.molecules.Pressure()), (-1, 1, -2), after=box_of_two),
+    "EulerAngles in a run": of(observed(ml.observe.EulerAngles("ZXZ")), NUMBER, after=scene),
+    "position in a run": of(observed(ml.observe.position), LENGTH, after=scene),
+    "linear_velocity in a run": of(observed(ml.observe.linear_velocity), SPEED, after=scene),
+}
 CASES = TORQUES | ORBITS | DENSITIES | FUNCTIONS
