@@ -28,16 +28,6 @@ def test_the_moments_of_echostar_ii_from_its_parts():
     np.testing.assert_allclose(centre, 0, atol=1e-15)
 
 
-def test_the_plates_and_rods_of_drake():
-    """Drake issue 19551: rounded plates are bodies, a rod is a rotor, and the last row no body can have."""
-    for plate in ((0.0833, 0.0833, 0.1667), (0.25, 0.25, 0.5)):
-        np.testing.assert_allclose(ml.RigidBody(plate).moments, plate, rtol=1e-3)
-    with pytest.raises(ValueError, match=r"for a thin rod, .* use midlie_jax\.SymmetricRotor"):
-        ml.RigidBody([1.0, 1.0, 0.0])
-    with pytest.raises(ValueError, match="the largest must not exceed the sum of the other two"):
-        ml.RigidBody([0.0347563, 0.0458929, 0.0977])
-
-
 @pytest.mark.parametrize("order", [*permutations(range(3))])
 def test_a_free_body_of_orekit(order):
     """`TorqueFreeTest`: the spatial momentum stays, and the body momentum has a period of 686.15256 s."""
@@ -133,16 +123,6 @@ def test_sunlight_on_a_plate_of_orts():
     still = ml.FreeState(jnp.zeros(3), jnp.array(LEVEL), jnp.zeros(3), jnp.zeros(3))
     force = ml.asteroids.Sunlight(plate, sun, 1.0, 0.2, 0.1, speed_of_light=1.0)(0.0, still).force
     np.testing.assert_allclose(force, [-0.4, 0.0, -0.6471405], atol=1e-7)
-
-
-def test_euler_angles_near_a_right_angle_in_float32():
-    """PX4 issue 27872, kornia issue 3950: where the middle angle of ZYX is nearly 90 degrees."""
-    attitude = jnp.array([0.34997767, 0.61442322, 0.34997699, -0.61442322], jnp.float32)
-    angles = ml.so3.to_euler(attitude, "ZYX")
-    assert angles.dtype == jnp.float32
-    np.testing.assert_allclose(angles[1], 1.570795, atol=2e-3)
-    again = ml.so3.from_euler(angles, "ZYX")
-    np.testing.assert_allclose(ml.so3.to_matrix(again), ml.so3.to_matrix(attitude), atol=1e-3)
 
 
 @pytest.mark.parametrize(
