@@ -14,7 +14,6 @@ from midlie_jax.drivers.integrate import count_as_argument
 
 BODY = ml.RigidBody([1.0, 2.0, 2.5])
 STATE = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
-STATES = jax.tree.map(lambda x: jnp.stack([x, x]), STATE)
 
 
 @pytest.mark.parametrize(
@@ -54,9 +53,6 @@ def solved(torque, state, dt, t0, steps):
 
 DRIVERS = {
     "integrate": lambda f, x, dt, t0, n: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=n, save_every=None),
-    "vmap": lambda f, x, dt, t0, n: jax.vmap(
-        lambda x: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=n, save_every=None)
-    )(jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), x)),
     "ensemble": lambda f, x, dt, t0, n: ml.ensemble(
         "JACOBI[EA]", BODY, f, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), x), dt=dt, t0=t0, steps=n
     ),

@@ -8,7 +8,7 @@ import pytest
 from test_cli import midlie
 
 import midlie_jax as ml
-from midlie_jax.cli import chosen, convergence, scenes, stability
+from midlie_jax.cli import chosen, scenes
 from midlie_jax.simulation.summary import inspect
 
 # Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
@@ -79,23 +79,6 @@ def test_a_store_says_so_too_and_goes_on_with_no_other_method_of_that_name(folde
     outcome = midlie(*run, "--resume")
     assert outcome.code == 2
     assert "the code of method" in outcome.err
-
-
-@pytest.mark.sample(0)
-def test_python_takes_objects_and_names_alike(folder):
-    own = chosen.methods(["own_numbers:my_method", "LIEMID[EA]", ml.method("LIEMID[EA]")])
-    assert [method.name for method in own] == [NAME, "LIEMID[EA]"]
-    assert chosen.methods([own[0], own[1]]) == own
-    scene = chosen.scene("own_numbers:my_scene")
-    assert (scene.name, scene.title) == ("P1", "a top of my own")
-    assert chosen.scene(scene) is scene
-    rows, _ = convergence.survey(scene, ["own_numbers:my_method"], [16], convergence.find_reference(scene, 16))
-    assert rows[0].method == NAME
-    steps, sweeps = stability.sweeps(scene, 2)
-    (found,) = stability.measure("own_numbers:my_method", scene, steps, sweeps[:1], 20)
-    assert found.method == NAME
-    assert np.all(np.isfinite(found.worst))
-    assert stability.lines(own[0], scene, sweeps[0])
 
 
 @pytest.mark.parametrize(

@@ -78,22 +78,6 @@ def test_toutatis_over_23_days():
     np.testing.assert_allclose(angles, [115.5176, 81.9609, 110.6934], atol=6e-5)
 
 
-def test_moments_that_fall_without_torque():
-    """RocketPy 1195: I(t) = I0 (1 - 0.1 t) keeps the momentum, so the rate is L / I(t)."""
-    body, start = ml.RigidBody([5.0, 4.0, 3.0]), ml.RigidState([0.0, 0.0, 0.6], LEVEL)
-    free: Any = ml.stepper("JACOBI[EA]", body, None, start, dt=0.05)
-
-    def step(carry, _):
-        return free.step(carry, body=ml.RigidBody(body.moments * (1 - 0.1 * (free.time(carry) + 0.025)))), None
-
-    carry, _ = jax.lax.scan(step, free.init(), length=100)
-    momentum = free.state(carry).momentum
-    np.testing.assert_allclose(momentum, start.momentum, atol=1e-15)
-    np.testing.assert_allclose(momentum[2] / (3.0 * 0.5), 0.2 / 0.5, rtol=1e-14)
-    angle = 2 * np.arctan2(*np.asarray(free.state(carry).attitude)[[3, 0]])
-    assert angle == pytest.approx(0.2 * 10 * np.log(2), rel=1e-4)  # the integral of the rate
-
-
 def test_the_box_of_the_boxes_benchmark():
     """S. Peters' boxes: 10 s of free flight under gravity; energy 368.5464167 J, position (-20, 20, -410) m."""
     body = ml.FreeBody(ml.RigidBody([0.80833333, 0.68333333, 0.14166667]), 10.0)
