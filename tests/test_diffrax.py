@@ -1,4 +1,4 @@
-"""The methods inside diffrax: their orders, error estimates, events, failures and messages.
+"""The methods inside diffrax: their orders, error estimates, failures and messages.
 
 `test_dense_output.py` has the states between the steps, and `test_diffrax_matrix.py` holds all to `integrate`.
 """

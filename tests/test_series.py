@@ -292,40 +292,24 @@ def test_a_file_holds_the_statistic_of_the_whole_run(tmp_path, span, out):
 
 
 def test_what_a_statistic_of_time_cannot_be_is_named():
+    spectrum, correlation = (partial(kind, momentum) for kind in (ml.observe.Spectrum, ml.observe.Autocorrelation))
+    free = ml.RigidBody([1.0, 2.0, 2.5]), None, ml.MomentumState([0.3, 1.0, -0.2])
+    varied = partial(ml.integrate_variable_step, "JACOBI[EA]", *free, density=lambda t, s: 1.0 + 0.0 * t, dt=0.1)
     cases = {
-        "lags must be a positive Python int": lambda: ml.observe.Autocorrelation(momentum, -1),
-        "segment must be at least 2": lambda: ml.observe.Spectrum(momentum, 1),
-        r"overlap \(8\) must be less than segment \(8\)": lambda: ml.observe.Spectrum(momentum, 8, overlap=8),
-        r"window must be one number for each value of a segment, \(8,\)": lambda: ml.observe.Spectrum(
-            momentum, 8, window=np.ones(7)
-        ),
-        r"lags \(61\) must be less than the number of saved values \(61\)": lambda: ensemble(
-            ml.observe.Autocorrelation(momentum, 61)
-        ),
-        r"segment \(62\) must be at most the number of saved values \(61\)": lambda: ensemble(
-            ml.observe.Spectrum(momentum, 62)
-        ),
-        "give one dt and one t0 for all": lambda: ensemble(STATISTICS["spectrum"], dt=jnp.full(BODIES, 0.05)),
+        "lags must be a positive Python int": lambda: correlation(-1),
+        "segment must be at least 2": lambda: spectrum(1),
+        r"overlap \(8\) must be less than segment \(8\)": lambda: spectrum(8, overlap=8),
+        r"window must be one number for each value of a segment, \(8,\)": lambda: spectrum(8, window=np.ones(7)),
+        r"lags \(61\) must be less than the number of saved values \(61\)": lambda: ensemble(correlation(61)),
+        r"segment \(62\) must be at most the number of saved values \(61\)": lambda: ensemble(spectrum(62)),
+        "give one dt and one t0 for all": lambda: ensemble(spectrum(21), dt=jnp.full(BODIES, 0.05)),
         "values must be .bodies, times.": lambda: ml.observe.spectrum(np.ones(9), 4, interval=1.0),
         "interval must be finite and not zero": lambda: ml.observe.spectrum(np.ones((1, 9)), 4, interval=0.0),
         "first_bad must be one integer": lambda: ml.observe.autocorrelation(np.ones((2, 9)), 4, first_bad=[3]),
         "kT must be positive": lambda: ml.observe.Susceptibility(momentum, 4, kT=0.0),
-        "only statistics or none, but 'b' is an observable": lambda: ensemble(
-            {"a": ml.observe.Spectrum(momentum, 8), "b": speed}
-        ),
-        "statistics of one kind, but only a is over times": lambda: ensemble(
-            {"a": ml.observe.Spectrum(momentum, 8), "b": ml.observe.Mean(speed)}
-        ),
-        "these steps differ": lambda: ml.integrate_variable_step(
-            "JACOBI[EA]",
-            ml.RigidBody([1.0, 2.0, 2.5]),
-            None,
-            ml.MomentumState([0.3, 1.0, -0.2]),
-            density=lambda t, s: 1.0 + 0.0 * t,
-            dt=0.1,
-            steps=9,
-            observe=STATISTICS["spectrum"],
-        ),
+        "only statistics or none, but 'b' is an observable": lambda: ensemble({"a": spectrum(8), "b": speed}),
+        "only a is over times": lambda: ensemble({"a": spectrum(8), "b": ml.observe.Mean(speed)}),
+        "these steps differ": lambda: varied(steps=9, observe=spectrum(8)),
     }
     for message, call in cases.items():
         with pytest.raises(ValueError, match=message):

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from simulated import ATTITUDES, BODIES, MOMENTA, STEPS, simulated
-from test_simulate import CrashError, assert_same, cache, contents, optimised, pulled
+from test_simulate import CrashError, assert_same, contents, pulled
 
 import midlie_jax as ml
 from midlie_jax.drivers import legs
@@ -23,7 +23,6 @@ from midlie_jax.simulation.parts import Computation
 from midlie_jax.simulation.pipeline import Pace
 from midlie_jax.simulation.store import Store
 
-__all__ = ["cache", "optimised"]  # fixtures
 xarray = pytest.importorskip("xarray")
 ALL = BODIES * STEPS
 BAD = np.where(np.arange(BODIES)[:, None] == 7, 1e200, np.where(np.arange(BODIES)[:, None] == 33, 400.0, MOMENTA))
@@ -63,15 +62,11 @@ def in_a_part(path):
 
 
 class Clock:
-    """It goes on by a number of seconds whenever somebody looks."""
+    """It goes on when the test says so."""
 
-    def __init__(self, monkeypatch, seconds):
-        self.now, self._seconds = 0.0, seconds
-        monkeypatch.setattr(time, "perf_counter", self)
-
-    def __call__(self):
-        self.now += self._seconds()
-        return self.now
+    def __init__(self, monkeypatch):
+        self.now = 0.0
+        monkeypatch.setattr(time, "perf_counter", lambda: self.now)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +125,7 @@ def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, re
 )
 def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
     """Unless two steps cost more; even if each write ends only when the next begins."""
-    clock, compute, keep, ended = Clock(monkeypatch, lambda: 0.0), Computation.compute, Pace.kept, [0.0, 0.0]
+    clock, compute, keep, ended = Clock(monkeypatch), Computation.compute, Pace.kept, [0.0, 0.0]
     lost, files = [], []
 
     def computed(self, part, before, steps, tables):
