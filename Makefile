@@ -61,7 +61,7 @@ test-full: .venv/.test
 	$(PYTEST) -m "full or not full"
 
 # Each worker takes of the accelerator's memory only what it needs.
-LAWS = $(patsubst %,tests/test_%.py,laws runs rounding conservation gradients diffrax ensemble momentum free_motion \
+LAWS = $(patsubst %,tests/test_%.py,laws runs rounding conservation diffrax ensemble momentum free_motion \
 	shared_inputs)
 test-gpu: .venv/.test .venv/.accelerator
 	XLA_PYTHON_CLIENT_PREALLOCATE=false $(PYTEST) --accelerator $(LAWS)

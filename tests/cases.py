@@ -290,18 +290,26 @@ def gap(a, b) -> float:
     return max(float(np.max(np.abs(x - y)) / np.max(np.abs(y))) for x, y in zip(a, b, strict=True))
 
 
-def true_motion(s: Setup, times: np.ndarray, axis=AXIS) -> tuple[np.ndarray, np.ndarray]:
-    """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13; s is one setup."""
+def true_motion(s: Setup, times: np.ndarray, torque=None) -> tuple[np.ndarray, np.ndarray]:
+    """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13.
+
+    Args:
+        s: one setup.
+        times: increasing.
+        torque: a function of the time and the matrix of the attitude; the torque of a `Setup` if there is none.
+    """
+
+    def swung(t, r):
+        pull = np.array([np.cos(2 * t), np.sin(3 * t), 1.0])
+        return s.weight * np.cross(r[2], AXIS) + s.strength * np.cross([0.3, -0.5, 0.4], r.T @ pull)
 
     def rate(t, y):
         momentum, q = y[:3], y[3:]
         r = Rotation.from_quat(q, scalar_first=True).as_matrix()
         velocity = momentum / s.moments
-        pull = np.array([np.cos(2 * t), np.sin(3 * t), 1.0])
-        torque = s.weight * np.cross(r[2], axis) + s.strength * np.cross([0.3, -0.5, 0.4], r.T @ pull)
         w, u = q[0], q[1:]
         turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
-        return np.concatenate([np.cross(momentum, velocity) + torque, turning])
+        return np.concatenate([np.cross(momentum, velocity) + (torque or swung)(t, r), turning])
 
     start = np.concatenate([s.momentum, s.attitude])
     span = (s.t0, s.t0 + times[-1])

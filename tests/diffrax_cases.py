@@ -84,7 +84,6 @@ ADJOINTS = {
     "RecursiveCheckpointAdjoint": diffrax.RecursiveCheckpointAdjoint(),
     "DirectAdjoint": diffrax.DirectAdjoint(),
     "ForwardMode": diffrax.ForwardMode(),
-    "BacksolveAdjoint": diffrax.BacksolveAdjoint(solver=diffrax.Tsit5()),
 }
 TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
 # Fourth-order differences.

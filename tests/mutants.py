@@ -73,7 +73,7 @@ MUTANTS = {
         *("drivers/observe/statistics.py", "jnp.sum(part.scatter, axis=0)« + between→»"),
         "spread paths -k statistics",
     ),
-    "interpolation": ("diffrax/dense.py", "return s * s * («3 - 2 *→2 -» s),", "dense_output dense_step"),
+    "interpolation": ("diffrax/dense.py", "return s * s * («3 - 2 *→2 -» s),", "dense_output"),
     "degrees of freedom": ("fitting/estimate.py", "dof = count« - vector.size→»", "fit_calls"),
     "scattered rotations": (
         *("scattering/distributions.py", "return normal / «jnp.sqrt(square)→square».reshape(1)"),

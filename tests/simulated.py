@@ -1,9 +1,9 @@
 """The run of `test_simulate.py`; as a program, that run in a process of its own: to be killed, or one of several.
 
-    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--late] [--torn N]
+    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--torn N]
 
-It prints a line whenever it has written something. With `--late` it writes after each turn of its loop. With `--torn`
-it is killed in the middle of its N-th file of values, half of which is then there.
+It prints a line whenever it has written something. With `--torn` it is killed in the middle of its N-th file of values,
+half of which is then there.
 """
 
 import argparse
@@ -20,7 +20,6 @@ if __name__ == "__main__":
     parser.add_argument("--process", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--port", type=int)
-    parser.add_argument("--late", action="store_true")
     parser.add_argument("--torn", type=int)
     options = parser.parse_args()
     os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={options.devices}"  # and no others
@@ -32,7 +31,6 @@ import numpy as np
 import zarr.storage
 
 import midlie_jax as ml
-from midlie_jax.simulation import pipeline
 
 BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
 # Groups of 16, 16, 16 and 2 bodies; spans of 8, 8, 8 and 1 saved states.
@@ -69,8 +67,6 @@ def tear(number):
 def main():
     if options.torn:
         tear(options.torn)
-    if options.late:
-        pipeline.LEG = pipeline.KEPT = 0.0
     if options.processes > 1:
         jax.distributed.initialize(f"localhost:{options.port}", options.processes, options.process)
     mesh = jax.make_mesh((len(jax.devices()),), ("bodies",)) if len(jax.devices()) > 1 else None

@@ -6,11 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import CLASSES, ROTATION, by_turns, epsilon, quick, suited, worst
-from scipy.integrate import solve_ivp
+from cases import CLASSES, ROTATION, WAYS, by_turns, epsilon, quick, suited, worst
 
 import midlie_jax as ml
-from midlie_jax.integrators.system import System
 from midlie_jax.model.torques.reads_body import ReadsBody
 
 HOLD, PARTS, INTERVALS = 0.3, 3, 4  # intervals of three steps
@@ -63,7 +61,7 @@ def controls(values, first=0, momentum=(0.2, -0.3, 0.4), attitude=UP):
     return momentum, attitude, HOLD / PARTS, 0.0, first, [0.0] * COUNT, 0.0, [0.0] * 3, values, HOLD
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST))
+@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST, WAYS))
 @pytest.mark.sample(1)
 def test_pulses_give_their_impulse_for_every_method_and_step(name, dtype):
     cases = [pulses(*clock) for clock in CLOCKS.values()]
@@ -84,7 +82,7 @@ def test_pulses_give_their_impulse_for_every_method_and_step(name, dtype):
     assert np.abs(more.states.momentum[:, -1, 2] / total - 1).max() <= bound
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST))
+@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST, WAYS))
 @pytest.mark.sample(2)
 def test_each_step_sees_the_control_of_its_interval_alone(name, dtype):
     """The run under held controls is that of a loop over intervals, each under a torque that never changes."""
@@ -106,27 +104,10 @@ def start_of(dtype=np.float64):
     return ml.RigidState(jnp.asarray([0.2, -0.3, 0.4], dtype), jnp.asarray(UP, dtype))
 
 
-def test_held_controls_are_those_of_the_equations_of_motion():
-    def rate(t, y, torque):
-        velocity, q = y[:3] / MOMENTS, y[3:]
-        turning = np.concatenate([[-q[1:] @ velocity], q[0] * velocity + np.cross(q[1:], velocity)]) / 2
-        return np.concatenate([np.cross(y[:3], velocity) + torque, turning])
-
-    y = np.concatenate([start_of().momentum, UP])
-    for n, value in enumerate(VALUES):
-        y = solve_ivp(rate, (n * HOLD, (n + 1) * HOLD), y, "DOP853", args=(value,), rtol=1e-13, atol=1e-14).y[:, -1]
-    found = ml.integrate(
-        "GBS12", body_of(), ml.torques.Held(VALUES, HOLD), start_of(), dt=HOLD, steps=INTERVALS, save_every=None
-    )
-    assert worst(np.concatenate(jax.tree.leaves(found.states)), y) < 1e-11
-
-
 ADJOINTS = {
     "RK4": ml.adjoints.Checkpointed(),
     "LIEMID[EA]": ml.adjoints.Reversible(),
-    "JACOBI[SRKN6b]": None,
-    "AKW": ml.adjoints.Checkpointed(),
-    "SPIRAL": None,
+    "AKW": None,
 }
 
 
@@ -149,7 +130,7 @@ def test_the_gradient_with_respect_to_controls_is_exact(name):
 RUN = {"dt": HOLD / PARTS, "steps": STEPS, "save_every": None}
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "AKW"])
+@pytest.mark.parametrize("name", ["LIEMID[EA]"])
 @pytest.mark.sample(1)
 def test_steps_backwards_and_by_a_density_of_one_are_the_same(name):
     """The ends of steps by a density are those of the clock of a run to rounding alone."""
@@ -216,10 +197,8 @@ ONE = ml.FreeBody(body_of(), 2.0)
 WITHIN = {
     "a sum": (lambda f: ml.torques.HeavyTop(0.5) + (f + ml.torques.Damping(0.1)), body_of(), start_of()),
     "a field of a class": (Pushed, body_of(), start_of()),
-    "what reads the momentum": (ml.torques.VelocityDependent, body_of(), start_of()),
     "an axis": (lambda f: f, ml.SymmetricRotor(2.0, 2.5), ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])),
     "an engine": (lambda f: ml.spacecraft.Thrust(f, [0.1, 0.0, 0.3]), ONE, ml.FreeState(jnp.ones(3), **free())),
-    "two coupled bodies": (ml.torques.OnEach, ONE, coupled(2)),
     "many coupled bodies": (ml.torques.OnEach, ONE, coupled(20)),
     "a field on spins": (
         ml.spins.AppliedField,
@@ -287,12 +266,6 @@ def test_values_at_instants():
     pulses = ml.torques.Pulses([1.0, 1.5], 1.0, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     found = jax.vmap(pulses)(jnp.array([0.9, 1.0, 1.7, 2.1, 2.5]))
     np.testing.assert_array_equal(found[:, :2], [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
-
-
-def test_other_torques_are_left_as_they_are():
-    system = System.of(body_of(), ml.torques.HeavyTop(1.0), start_of(), jnp.zeros(()))
-    t = jnp.zeros(())
-    assert system.in_step(t, t, t) is system
 
 
 @pytest.mark.parametrize(

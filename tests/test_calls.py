@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from midlie_jax._xla.calls import Operation, packed, perform
+from midlie_jax._xla.calls import Operation, perform
 from midlie_jax._xla.hoisting import hoist
 
 COUNT = 7
@@ -55,26 +55,6 @@ def test_what_many_calls_share_is_in_the_program_once():
 def equation_of(function, *arguments):
     (equation,) = jax.make_jaxpr(function)(*arguments).eqns
     return equation
-
-
-def test_calls_that_wait_for_each_other_are_performed_in_turn():
-    """x, cos x, cos cos x: one equation each time; and two that wait for nothing."""
-    cosine = equation_of(jnp.cos, 0.5)
-    chain = [Operation(cosine, [k], [k + 1]) for k in range(3)]
-    values = {0: jnp.asarray(0.5), 10: jnp.asarray(0.7)}
-    columns = perform([*chain, Operation(cosine, [10], [11])], values)
-    np.testing.assert_allclose([values[3], values[11]], [np.cos(np.cos(np.cos(0.5))), np.cos(0.7)], rtol=1e-15)
-    assert all(len(set(column)) == len(column) for column in columns)
-
-
-def test_results_are_packed_in_the_order_asked_for():
-    cosine = equation_of(jnp.cos, 0.5)
-    values = {k: jnp.asarray(0.1 * k) for k in range(4)}
-    columns = perform([Operation(cosine, [k], [k + 10]) for k in range(3)], values)
-    assert list(columns) == [(10, 11, 12)]
-    found = packed([12, 3, 10, 11], values, columns)
-    np.testing.assert_allclose(found, [np.cos(0.2), 0.3, 1.0, np.cos(0.1)], rtol=1e-15)
-    np.testing.assert_allclose(packed([12, 3], values, columns), [np.cos(0.2), 0.3], rtol=1e-15)
 
 
 def test_calls_on_the_same_numbers_are_one():

@@ -73,39 +73,6 @@ def start_of(kind):
     return kind(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(jnp.array([0.5, -0.3, 0.8])))
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(
-    "adjoint", [ml.adjoints.Reversible(), *whole(ml.adjoints.Checkpointed())], ids=lambda x: type(x).__name__
-)
-def test_its_gradient_is_that_of_a_rigid_state(adjoint):
-    def height(weight, kind):
-        path = ml.integrate(
-            "SYMMETRIC[EA]",
-            ml.RigidBody([2.0, 2.0, 2.5]),
-            ml.torques.HeavyTop(weight),
-            start_of(kind),
-            dt=0.02,
-            steps=50,
-            save_every=50,
-            adjoint=adjoint,
-        )
-        return ml.so3.to_matrix(path.states.attitude[-1])[2, 2]
-
-    found, truth = (quick(jax.grad(partial(height, kind=k)))(2.0) for k in (ml.CompensatedState, ml.RigidState))
-    assert abs(found - truth) <= 1e-13
-
-
-@pytest.mark.sample(0)
-def test_a_body_with_a_full_tensor_moves_like_one_with_a_rigid_state():
-    tensor = jnp.array([[2.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 1.7]])
-    ends = [
-        ml.integrate("JACOBI[EA]", ml.TensorBody(tensor), ml.torques.HeavyTop(2.0), start_of(kind), dt=0.02, steps=20)
-        for kind in (ml.CompensatedState, ml.RigidState)
-    ]
-    np.testing.assert_allclose(ends[0].states.momentum, ends[1].states.momentum, atol=1e-14)
-    np.testing.assert_allclose(ends[0].states.attitude, ends[1].states.attitude, atol=1e-14)
-
-
 def test_invalid_low_parts_are_refused():
     start = start_of(ml.RigidState)
     with pytest.raises(ValueError, match=r"low_momentum must have shape \(3,\)"):

@@ -124,14 +124,13 @@ def test_the_derivative_of_a_flight_does_not_solve_twice():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("method", ["JACOBI[EA]", "LIEMID[EA]"])
-def test_a_hessian_is_right_and_repeats_no_work(method):
+def test_a_hessian_is_right_and_repeats_no_work():
     body = ml.RigidBody([5.0, 4.0, 1.0])
     start = ml.RigidState([0.0, 1.0, 50.0], [0.8, 0.6, 0.0, 0.0])
 
     def loss(weight):
         run = {"dt": 0.01, "steps": 10, "save_every": None}
-        states = ml.integrate(method, body, ml.torques.HeavyTop(weight), start, **run).states
+        states = ml.integrate("LIEMID[EA]", body, ml.torques.HeavyTop(weight), start, **run).states
         return jnp.sum(states.momentum**2) + jnp.sum(states.attitude**3)
 
     slope, bend = (jax.jit(f(loss)).lower(20.0).compile() for f in (jax.grad, jax.hessian))
@@ -154,7 +153,6 @@ PARAMETERS = {
     "number": (jnp.array(20.0), ml.torques.HeavyTop),
     "array": (jnp.linspace(1.0, 2.0, 9), lambda x: lambda t, state: spring(x, ml.so3.to_matrix(state.attitude))),
     "held": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Held(x.reshape(4, 3), 0.2)),
-    "pulses": (jnp.linspace(1.0, 2.0, 12), lambda x: ml.torques.Pulses([0.0, 0.1, 0.2, 0.3], 0.05, x.reshape(4, 3))),
     "moments": (jnp.ones(3), lambda x: ml.torques.HeavyTop(20.0)),  # and a factor of the moments of the body
     "costly": (jnp.linspace(1.0, 2.0, 6), lambda x: lambda t, state: attraction(x, ml.so3.to_matrix(state.attitude))),
 }
@@ -174,11 +172,11 @@ def by_integrate(method, body, torque, start):
 @pytest.mark.parametrize(
     ("method", "parameter", "path"),
     [
-        *((method, "number", by_integrate) for method in ("JACOBI[SRKN6b]", "DOP853", "GBS12")),
-        *((method, "array", by_integrate) for method in ("JACOBI[EA]", "SYMMETRIC[EA]", "DLM[EA]", "RK4", "GBS12")),
-        *((method, "costly", by_integrate) for method in ("JACOBI[EA]", "RK4")),
-        *(("JACOBI[EA]", torque, by_integrate) for torque in ("held", "pulses")),
-        *((method, "moments", by_integrate) for method in ("JACOBI[EA]", "JACOBI[SRKN6b]", "GBS8", "JACOBI[BAOAB]")),
+        *((method, "number", by_integrate) for method in ("JACOBI[SRKN6b]", "GBS12")),
+        *((method, "array", by_integrate) for method in ("JACOBI[EA]", "DLM[EA]", "RK4")),
+        ("JACOBI[EA]", "costly", by_integrate),
+        *(("JACOBI[EA]", torque, by_integrate) for torque in ("held",)),
+        *((method, "moments", by_integrate) for method in ("GBS8", "JACOBI[BAOAB]")),
         ("JACOBI[EA]", "array", through_diffrax),
     ],
 )

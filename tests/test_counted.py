@@ -5,34 +5,12 @@ from functools import partial
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax.drivers.derivatives import Checkpointed, Reversible
-from midlie_jax.drivers.integrate import count_as_argument
 
 BODY = ml.RigidBody([1.0, 2.0, 2.5])
 STATE = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
-STATES = jax.tree.map(lambda x: jnp.stack([x, x]), STATE)
-
-
-@pytest.mark.parametrize(
-    ("every", "steps", "adjoint", "free"),
-    [
-        (1, 1, Checkpointed(), True),  # the state at the end alone
-        (5000, 5000, Checkpointed(), True),
-        (32, 64, Checkpointed(), True),
-        (31, 62, Checkpointed(), False),  # few steps between saved states
-        (64, 64, Reversible(), False),  # which is checked with all numbers
-        (64, 64, Checkpointed(every=8), False),
-    ],
-)
-def test_which_numbers_of_steps_are_an_argument(every, steps, adjoint, free):
-    assert isinstance(count_as_argument(every, steps, adjoint), np.ndarray) == free
-    inside = []
-    jax.jit(lambda: inside.append(count_as_argument(every, steps, adjoint)))()
-    assert inside == [every]
 
 
 def calls_of(torque):
@@ -54,9 +32,6 @@ def solved(torque, state, dt, t0, steps):
 
 DRIVERS = {
     "integrate": lambda f, x, dt, t0, n: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=n, save_every=None),
-    "vmap": lambda f, x, dt, t0, n: jax.vmap(
-        lambda x: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=n, save_every=None)
-    )(jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), x)),
     "ensemble": lambda f, x, dt, t0, n: ml.ensemble(
         "JACOBI[EA]", BODY, f, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), x), dt=dt, t0=t0, steps=n
     ),

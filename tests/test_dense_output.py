@@ -1,16 +1,38 @@
-"""States between the steps of diffrax: their order, how long a turn may be, and states without attitude."""
+"""States between the steps of diffrax: by a cubic of third order, and by shorter steps with the order of the method."""
+
+from functools import partial
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix
 import pytest
 from cases import AXIS, QUICK, epsilon, quick
-from diffrax_cases import ARGS, BODY, DT, FROM, STEPS, T0, TERM, solve, start
+from diffrax_cases import (
+    ADJOINTS,
+    ARGS,
+    BODY,
+    CASE,
+    DT,
+    FACTORS,
+    FROM,
+    SIZES,
+    STEPS,
+    T0,
+    TERM,
+    row,
+    solve,
+    start,
+    truth,
+)
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax.cli.oracle import exact_motion
 from midlie_jax.diffrax.dense import LARGEST_TURN
 
 INSIDE = np.linspace(0.05, 0.95, 7)
@@ -110,3 +132,133 @@ def test_states_without_attitude(state):
     assert np.max(np.abs(less.momentum - full.momentum)) < 1e-7  # two cubics that differ in the fourth order
     if state is ml.DirectionState:
         assert np.max(np.abs(less.direction - jax.vmap(ml.so3.to_matrix)(full.attitude)[:, 2])) < 1e-7
+
+
+# ---- by shorter steps ----
+
+NAMES = ["LIEMID[E1]", "JACOBI[SRKN6b]", "RK4"]  # begins with a flight, with a kick, and with neither
+
+
+def gaps(a, b):
+    return max(np.max(np.abs(x - y)) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def by_step(name):
+    return ml.diffrax.LieSolver(name, dense="step")
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", NAMES)
+def test_inside_a_step_the_error_is_that_of_a_step(name):
+    @eqx.filter_jit(compiler_options=QUICK)
+    def inside(h, part):
+        solution = solve(
+            by_step(name), start(), t0=FROM, t1=FROM + h, dt0=h, saveat=diffrax.SaveAt(dense=True), max_steps=1
+        )
+        return solution.evaluate(FROM + part * h)
+
+    errors = []
+    for h in (1 / 16, 1 / 32):
+        exact = jax.tree.map(lambda x: x[0], truth(FROM + 0.6 * h))
+        errors.append(gaps(inside(jnp.array(h), jnp.array(0.6)), exact))
+    slope = np.log2(errors[0] / errors[1])
+    print(f"{name}: errors {errors}, exponent {slope:.2f}")
+    assert slope > ml.method(name).order + 0.8
+
+
+@pytest.mark.sample(0)
+def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
+    """Saved times and the whole solution, mapped over a batch, for a body in a frame of its own."""
+    turned = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.2, 0.5])))
+    body = ml.TensorBody(turned @ jnp.diag(jnp.asarray(CASE.moments)) @ turned.T)
+    torque, parts = ml.torques.HeavyTop, np.array([0.0, 0.3, 1.0, 1.7, 2.0])
+    term = ml.diffrax.RigidBodyTerm(body, torque_of_args=torque)
+
+    def states(weight, y, saveat):
+        options = {"term": term, "t1": T0 + 2 * DT, "saveat": saveat, "max_steps": 4}
+        return solve(by_step("LIEMID[EA]"), y, weight, **options)
+
+    def both(y):
+        saved = states(ARGS[0], y, diffrax.SaveAt(ts=T0 + DT * parts)).ys
+        return saved, jax.vmap(states(ARGS[0], y, diffrax.SaveAt(dense=True)).evaluate)(T0 + DT * parts)
+
+    @quick
+    def step(state, t, h):
+        path = ml.integrate("LIEMID[EA]", body, torque(ARGS[0]), state, dt=h, steps=1, t0=t)
+        return jax.tree.map(lambda x: x[-1], path.states)
+
+    middle = step(start(), T0, DT)
+    expected = [
+        start(),
+        step(start(), T0, 0.3 * DT),
+        middle,
+        step(middle, T0 + DT, 0.7 * DT),
+        step(middle, T0 + DT, DT),
+    ]
+    expected = jax.tree.map(lambda *x: jnp.stack(x), *expected)
+    for found in quick(jax.vmap(both))(jax.tree.map(lambda x: jnp.stack([x, x]), start())):
+        assert gaps(row(found, 1), expected) < 1e-14
+
+
+@pytest.mark.sample(0)
+def test_forward_and_reverse_mode_agree():
+    def reading(weight, adjoint):
+        term = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=ml.torques.HeavyTop)
+        options = {"saveat": diffrax.SaveAt(ts=T0 + DT * np.array([0.3, 1.7])), "adjoint": ADJOINTS[adjoint]}
+        ys = solve(by_step("LIEMID[EA]"), start(), weight, term=term, t1=T0 + 2 * DT, max_steps=4, **options).ys
+        return jnp.sum(jnp.sin(ys.momentum))
+
+    reverse = quick(jax.grad(partial(reading, adjoint="RecursiveCheckpointAdjoint")))(ARGS[0])
+    forward = quick(jax.jacfwd(partial(reading, adjoint="ForwardMode")))(ARGS[0])
+    np.testing.assert_allclose(reverse, forward, rtol=1e-12)
+    assert abs(forward) > 1e-6
+
+
+def north(t, y, args, **kwargs):
+    """Where the axis of the top stands over the plane x = 0."""
+    del t, args, kwargs
+    return ml.so3.to_matrix(y.attitude)[0, 2]
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
+def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
+    """A crossing of Lagrange's top in closed form; the cubic is wrong by much more at the same step."""
+    moments, axis, weight = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0), float(ARGS[0])
+    term = ml.diffrax.RigidBodyTerm(
+        ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis)
+    )
+    event = diffrax.Event(north, optimistix.Newton(1e-13, 1e-13), direction=False)
+
+    def crossing(weight, dense):
+        solver = ml.diffrax.LieSolver("SYMMETRIC[SRKN6b]", dense=dense)
+        times = {"t0": jnp.array(0.0), "t1": jnp.array(8.0), "dt0": jnp.array(1 / 32)}
+        solution = solve(solver, start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
+        return solution.ts[0], row(solution.ys, 0)
+
+    def x(t, weight):
+        _, (q,) = exact_motion(moments, CASE.momentum, CASE.attitude, [t], weight=weight)
+        return Rotation.from_quat(q, scalar_first=True).as_matrix()[0, 2]
+
+    def value(weight):
+        time, state = crossing(weight, "step")
+        return time, (time, state)
+
+    slope, (time, state) = quick((jax.jacfwd if mode == "ForwardMode" else jax.grad)(value, has_aux=True))(ARGS[0])
+    cubic, _ = quick(lambda w: crossing(w, "cubic"))(ARGS[0])
+
+    def exact(weight):
+        return brentq(x, float(time) - 0.01, float(time) + 0.01, (weight,), xtol=1e-14, rtol=1e-14)
+
+    expected = sum(f * exact(weight + s) for f, s in zip(FACTORS, SIZES, strict=True) if f)
+    error, coarse = abs(time - exact(weight)), abs(cubic - exact(weight))
+    print(f"error of the time: {error:.1e} by steps, {coarse:.1e} by the cubic; of its slope {slope - expected:.1e}")
+    assert 50 * error < coarse
+    assert error < 1e-8
+    assert abs(north(time, state, None)) < 1e-12
+    assert abs(slope - expected) < 1e-6 * abs(expected)
+
+
+def test_a_wrong_dense_output_names_the_cure():
+    with pytest.raises(ValueError, match='dense must be "cubic" or "step", got'):
+        ml.diffrax.LieSolver(dense="linear")

@@ -1,4 +1,4 @@
-"""The methods inside diffrax: their orders, error estimates, events, failures and messages.
+"""The methods inside diffrax: their orders, error estimates, failures and messages.
 
 `test_dense_output.py` has the states between the steps, and `test_diffrax_matrix.py` holds all to `integrate`.
 """
@@ -13,40 +13,30 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, QUICK, epsilon, quick, real
+from cases import AXIS, epsilon, quick, real
 from diffrax_cases import (
-    ADJOINTS,
     ARGS,
     BODY,
     CASE,
     CONTROLLERS,
-    DOTS,
     DT,
-    FACTORS,
     FROM,
-    SIZES,
-    SPRINGS,
     STEPS,
     T0,
     TERM,
     TO,
     TS,
-    WEIGHTS,
     end,
     forces,
     problem,
-    pull,
     row,
     solve,
-    solve_to_the_end,
     start,
     truth,
 )
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.cli.oracle import exact_motion
 
 
 def numbers(state):
@@ -57,14 +47,11 @@ FREE = (jnp.array(0.0), jnp.array(0.0))
 
 
 @pytest.mark.sample(0)
-def test_one_term_under_six_solvers_agrees_at_their_orders():
+def test_one_term_under_several_solvers_agrees_at_their_orders():
     """And who keeps the spatial momentum of a free body: ours to rounding, theirs by their orders."""
     newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
     solvers = [
-        (diffrax.Heun(), 2),
-        (diffrax.Bosh3(), 3),
         (diffrax.Tsit5(), 5),
-        (diffrax.Dopri8(), 8),
         (diffrax.Kvaerno5(root_finder=newton), 5),
         (ml.diffrax.LieSolver("LIEMID[EA]"), 2),
     ]
@@ -86,15 +73,6 @@ def test_one_term_under_six_solvers_agrees_at_their_orders():
     assert min(drifts[:-1]) > 100 * drifts[-1]
 
 
-@pytest.mark.sample(0)
-def test_there_and_back():
-    for name in ("LIEMID[EA]", "NMB"):
-        solver = ml.diffrax.LieSolver(name)
-        there = end(solver, start(), ARGS, FROM, TO, jnp.array(DT)).ys
-        back = end(solver, jax.tree.map(lambda x: x[0], there), ARGS, TO, FROM, jnp.array(-DT)).ys
-        assert np.max(np.abs(numbers(back) - numbers(start()))) < 1e-13
-
-
 def test_norm_is_the_angle_between_attitudes():
     q = CASE.attitude
     turned = (Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec([3e-6, -4e-6, 0])).as_quat(
@@ -110,7 +88,6 @@ def test_norm_is_the_angle_between_attitudes():
 FAMILIES = {
     "LIEMID[E2]": (2, 2, 0.95, 1.05),
     "LIEMID[EA]": (3, 3, 0.95, 1.05),
-    "LIEMID[EA*]": (3, 3, 0.95, 1.05),
     "NMB": (3, 3, 0.95, 1.05),
     "SYMMETRIC[SRKN6b]": (4, 5, 1.0, np.inf),
 }
@@ -150,30 +127,6 @@ def test_estimate_is_the_local_error_or_above(name):
     assert np.all(np.abs(slopes[:, 0] - [momentum, attitude]) < 0.25)
     assert abs(slopes[0, 2] - 2) < 0.25
     assert solver.error_order(term) == min(momentum, attitude)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[EA]", "SYMMETRIC[SRKN6b]"])
-def test_controller_holds_its_tolerance(name):
-    """Momentum and attitude in turn command the step; both go with the tolerance as the orders say."""
-    solver, (term, y0) = ml.diffrax.LieSolver(name), problem(name)
-    exact = row(truth(term=term), 0)
-    tolerances = (1e-3, 1e-4, 1e-5) if solver.method.order == 1 else (1e-5, 1e-6, 1e-7)
-    for which, units in enumerate(((1.0, 1e6), (1e6, 1.0))):
-        steps, errors = [], []
-        for tolerance in tolerances:
-            norm = ml.diffrax.RotationNorm(*map(jnp.array, units))
-            controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(tolerance), norm=norm)
-            solution = end(solver, y0, ARGS, FROM, TO, jnp.array(1 / 512), controller, term=term)
-            assert bool(solution.result == diffrax.RESULTS.successful)
-            steps.append(int(solution.stats["num_accepted_steps"]))
-            errors.append(np.max(np.abs(numbers(row(solution.ys, 0)) - numbers(exact))))
-        exponent = FAMILIES[name][which]
-        growth, gain = np.divide(steps[1:], steps[:-1]), np.divide(errors[:-1], errors[1:])
-        print(f"{name:18} {('momentum', 'attitude')[which]}: steps {steps}, errors {np.array(errors)}")
-        assert abs(np.log10(growth[-1]) - 1 / exponent) < 0.08, steps
-        assert abs(np.log10(gain[-1]) - solver.method.order / exponent) < 0.2, errors
-        assert errors[-1] < 1e3 * tolerances[-1]
 
 
 @pytest.mark.sample(0)
@@ -223,23 +176,6 @@ def test_torque_evaluations(name, controller, dense, evaluations):
 
 
 @pytest.mark.sample(0)
-def test_backsolve_approaches_the_derivative_of_the_motion():
-    """By the recipe, a solver of diffrax for the way back: off by the method's error, a quarter at half the step."""
-
-    def value(weight, dt, adjoint, run=end):
-        y = run(ml.diffrax.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
-        return jnp.sum(jnp.sin(y.momentum)) + jnp.sum(jnp.cos(y.attitude))
-
-    slope = quick(jax.grad(partial(value, adjoint=ADJOINTS["BacksolveAdjoint"], run=solve_to_the_end)))
-    gaps = []
-    for dt in (jnp.array(1 / 16), jnp.array(1 / 32)):
-        plain = [value(weight, dt, ADJOINTS["ForwardMode"]) for weight in WEIGHTS]
-        gaps.append(abs(slope(ARGS[0], dt) - np.dot(FACTORS, plain)))
-    assert gaps[0] < 0.02
-    assert 3 < gaps[0] / gaps[1] < 5
-
-
-@pytest.mark.sample(0)
 def test_the_rotation_norm_measures_the_state_on_the_way_back_of_backsolve():
     """There diffrax solves for the state, its adjoint and more together."""
     control = diffrax.PIDController(rtol=0, atol=1e-6, norm=ml.diffrax.RotationNorm())
@@ -255,74 +191,6 @@ def test_the_rotation_norm_measures_the_state_on_the_way_back_of_backsolve():
     slope, h = quick(jax.grad(value))(2.0), 1e-3
     run = quick(value)
     assert slope == pytest.approx(float(run(2.0 + h) - run(2.0 - h)) / (2 * h), rel=1e-2)
-
-
-def north(t, y, args, **kwargs):
-    """Where the axis of the top stands over the plane x = 0."""
-    del t, args, kwargs
-    return ml.so3.to_matrix(y.attitude)[0, 2]
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
-def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
-    """Against Lagrange's top in closed form; the derivative against differences of the closed form's crossing."""
-    moments, axis = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0)
-    term = ml.diffrax.RigidBodyTerm(
-        ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis)
-    )
-    event = diffrax.Event(north, optimistix.Newton(1e-13, 1e-13), direction=False)
-
-    def crossing(weight, dt):
-        times = {"t0": jnp.array(0.0), "t1": jnp.array(8.0), "dt0": dt}
-        solution = solve("SYMMETRIC[SRKN6b]", start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
-        return solution.ts[0], (solution.ts[0], row(solution.ys, 0))
-
-    found = quick((jax.jacfwd if mode == "ForwardMode" else jax.grad)(crossing, has_aux=True))
-    slope, (time, y) = found(ARGS[0], jnp.array(1 / 512))
-
-    def x(t, weight):
-        _, (q,) = exact_motion(moments, CASE.momentum, CASE.attitude, [t], weight=weight)
-        return Rotation.from_quat(q, scalar_first=True).as_matrix()[0, 2]
-
-    def exact(weight):
-        return brentq(x, float(time) - 0.01, float(time) + 0.01, (weight,), xtol=1e-14, rtol=1e-14)
-
-    weight = float(ARGS[0])
-    expected = sum(f * exact(weight + s) for f, s in zip(FACTORS, SIZES, strict=True) if f)
-    coarse = found(ARGS[0], jnp.array(1 / 32))[1][0]
-    print(f"event at {time}: error {time - exact(weight):.1e} (with steps of 1/32 {coarse - exact(weight):.1e})")
-    print(f"its derivative {slope}: error {slope - expected:.1e}")
-    assert 0.5 < time < 7.9
-    assert abs(time - exact(weight)) < 1e-10
-    assert abs(north(time, y, None)) < 1e-12
-    assert abs(slope - expected) < 1e-8 * abs(expected)
-    assert abs(coarse - exact(weight)) > 1e-10  # it is the step that makes it right
-
-
-@pytest.mark.sample(0)
-def test_pitfalls_of_the_readme():
-    """A constant step that does not divide the time, and a torque that is a new function on every call."""
-    steps = diffrax.SaveAt(steps=True)
-    times = solve("Verlet", DOTS, term=SPRINGS, t0=0.0, t1=1.0, dt0=0.3, saveat=steps, max_steps=8).ts
-    np.testing.assert_allclose(times[np.isfinite(times)], [0.3, 0.5, 0.75, 1.0], atol=1e-6)
-
-    traces = []
-
-    @eqx.filter_jit(compiler_options=QUICK)
-    def run(term):
-        traces.append(1)
-        return solve("Verlet", DOTS, term=term).ys
-
-    def spring_of(stiffness):
-        return ml.diffrax.RigidBodyTerm(SPRINGS.body, lambda t, state: -stiffness * state.position)
-
-    again = [ml.diffrax.RigidBodyTerm(SPRINGS.body, jax.tree_util.Partial(pull, jnp.array(k))) for k in (1.0, 2.0)]
-    for terms, expected in (([spring_of(1.0), spring_of(2.0)], 2), (again, 1)):
-        traces.clear()
-        for term in terms:
-            run(term)
-        assert len(traces) == expected
 
 
 @pytest.mark.sample(0)
@@ -364,7 +232,7 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
     assert np.max(np.abs(numbers(once) - numbers(jax.tree.map(lambda x: x[-1], path.states)))) < 1e-13
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "JACOBI[EA]"])
+@pytest.mark.parametrize("name", ["LIEMID[EA]"])
 def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
     """Each is a loop of its own in the program of diffrax; without a checkpoint there are over a hundred."""
     solver, y0 = ml.diffrax.LieSolver(name), start()
@@ -378,7 +246,7 @@ def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
 
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="`fuse` makes these loops on CPUs alone")
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[E2]", "JACOBI[EA]"])
+@pytest.mark.parametrize("name", ["LIEMID[E2]", "JACOBI[EA]"])
 def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
     """The compiler removes both where nothing uses them: of the loops that `fuse` makes, that of the step is left."""
 
@@ -410,21 +278,14 @@ def test_bad_input_names_the_cure():
     dots = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
     wrong = [
         (lambda: ml.diffrax.LieSolver("RK5"), "did you mean 'RK4'"),
-        (lambda: ml.diffrax.LieSolver(3), "midlie_jax.method"),
         (lambda: ml.diffrax.RigidBodyTerm(1.0), "must be a midlie_jax.RigidBody"),
-        (lambda: ml.diffrax.RigidBodyTerm(BODY, 1.0), "callable of"),
         (lambda: ml.diffrax.RigidBodyTerm(BODY, torque, torque_of_args=forces), "not both"),
         (lambda: solve("NMB", start(), term=diffrax.ODETerm(lambda t, y, args: y)), "RigidBodyTerm"),
         (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
         (lambda: solve("NMB", dots), "belongs to a Particles, but body is RigidBody"),
-        (lambda: solve("NMB", dots, term=ml.diffrax.RigidBodyTerm(particles)), "midlie_jax.methods"),
         (lambda: solve("NMB", start(), term=ml.diffrax.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
-        (
-            lambda: solve("NMB", start(), term=ml.diffrax.RigidBodyTerm(BODY, lambda t, y: [t, t, t])),
-            "return one array",
-        ),
         (
             lambda: solve(diffrax.Tsit5(), start(), term=ml.diffrax.RigidBodyTerm(particles)),
             "belongs to a RigidBody, but body is Particles",

@@ -1,8 +1,7 @@
 """The plug-in against `integrate`: method by kind of output by controller by adjoint, one body and a batch.
 
 Compiling is what costs, so every solve keeps all kinds of output at once, and by default each method has one solve, in
-which controllers, and one body and a batch, take turns; each adjoint meets one method. The whole product, in which one
-program holds the solves of all adjoints, is `pytest -n 2 -m full tests/test_diffrax_matrix.py`.
+which controllers, and one body and a batch, take turns; each adjoint meets one method.
 """
 
 from functools import cache
@@ -12,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import PARTICLE, ROTATION, each, epsilon, firsts, quick
+from cases import ROTATION, WAYS, each, epsilon, firsts, quick
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -34,8 +33,6 @@ from diffrax_cases import (
 import midlie_jax as ml
 from midlie_jax.integrators.splitting import Splitting
 
-METHODS = ROTATION
-MORE = PARTICLE
 KINDS = diffrax.SaveAt(
     subs={
         "t1": diffrax.SubSaveAt(t1=True),
@@ -121,7 +118,7 @@ KEEPS = firsts(torque_use)
 @pytest.mark.parametrize("name", each(few=KEEPS))
 def test_outputs_equal_integrate(name):
     """With every kind of output; the controllers take turns, and so do one body and a batch."""
-    turn = METHODS.index(name)
+    turn = ROTATION.index(name)
     controller, batched = list(CONTROLLERS)[turn % 3], turn % 2 == 0
 
     def program(weight):
@@ -143,7 +140,7 @@ OWN = {
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", [*OWN, *each()])
+@pytest.mark.parametrize("name", [*OWN, *each(few=WAYS)])
 def test_equal_steps_end_where_those_of_integrate_do(name):
     """And so with the same order: two steps of every method, and of own schemes that begin with a gradient."""
     method = ml.method("JACOBI", OWN[name]) if name in OWN else ml.method(name)
@@ -160,12 +157,6 @@ def test_equal_steps_end_where_those_of_integrate_do(name):
         assert np.max(np.abs(found - expected)) <= 8 * epsilon("float64") * np.max(np.abs(expected))
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", PARTICLE)
-def test_particles_equal_integrate(name):
-    compare(quick(lambda w: outputs(name, w, "PIDController", TS))(ARGS[0]), row(paths(name), 2))
-
-
 PAIRS = [
     ("LIEMID[EA]", "PIDController", "RecursiveCheckpointAdjoint"),
     pytest.param("NMB", "ConstantStepSize", "DirectAdjoint", marks=pytest.mark.full),
@@ -180,27 +171,3 @@ def test_derivatives_equal_differences(name, controller, adjoint):
     kept, slope = quick(lambda w: kept_and_slope(name, w, controller, adjoint))(ARGS[0])
     compare(kept, row(paths(name), 2))
     assert abs(slope - differences(name)) <= 1e-6 * abs(differences(name))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("batched", [False, True], ids=["solo", "vmap"])
-@pytest.mark.parametrize("controller", CONTROLLERS)
-@pytest.mark.parametrize("name", [*METHODS, *MORE])
-def test_full_product(name, controller, batched):
-    """Every method x kind of output x controller x adjoint x batch; but diffrax has no way back over a StepTo."""
-    adjoints = [a for a in ADJOINTS if (a, controller) != ("BacksolveAdjoint", "StepTo")]
-
-    def program(weight):
-        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in adjoints]
-
-    weights = WEIGHTS[1:4] if batched else WEIGHTS[2]
-    found = quick(jax.vmap(program) if batched else program)(weights)
-    for i in (1, 2, 3) if batched else (2,):
-        kept, derivatives = row(found, i - 1) if batched else found
-        compare(kept, row(paths(name), i))
-        for adjoint, (states, slope) in zip(adjoints, derivatives, strict=True):
-            compare(states, row(paths(name), i))
-            # Backsolve differentiates the motion and not the steps.
-            bound = 0.05 if adjoint == "BacksolveAdjoint" else 1e-6
-            if i == 2:
-                assert abs(slope - differences(name)) <= bound * abs(differences(name)), adjoint

@@ -102,11 +102,12 @@ def stored():
 
 
 ADJOINTS = {
-    "Checkpointed": ml.adjoints.Checkpointed(every=4),
+    "Checkpointed": ml.adjoints.Checkpointed(),
     "Reversible": ml.adjoints.Reversible(),
     "Forward": ml.adjoints.Forward(),
 }
 TAKEN = [("SYMMETRIC[EA]", adjoint) for adjoint in ADJOINTS] + [("JACOBI[EA]", "Reversible"), ("SW", "Checkpointed")]
+TAKEN.append(("LIEMID[I]", "Forward"))
 LEFT = [(name, adjoint) for name in NAMES for adjoint in ADJOINTS if (name, adjoint) not in TAKEN]
 
 

@@ -79,22 +79,6 @@ def test_a_needle_is_stable_up_to_the_limit_of_verlet_and_a_spinning_one_up_to_t
     assert ml.method(name).stability_limit(1j) / OMEGA == pytest.approx(found[0], rel=0.01)
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(
-    "name",
-    [
-        "SYMMETRIC[CHIN4A]",
-        *whole(*(f"SYMMETRIC[{s}]" for s in ("SRKN6b", "BM4", "BADAB", "ABADABA")), "RK4", "NMB", "SPIRAL"),
-    ],
-)
-def test_a_needle_is_stable_up_to_the_limit_of_the_scheme(name):
-    limit = ml.method(name).stability_limit(1j) / OMEGA
-    dt = np.linspace(0.85, 1.15, 61) * limit
-    worst, failed, _ = runs(name, NEEDLE, np.zeros((1, 3)), dt, 400, tilted(1e-4))
-    # RK4 damps below its limit, and the energy of so small an oscillation vanishes in that of the field.
-    assert first(dt, (worst[0] > 1e-6) | failed[0]) == pytest.approx(limit, rel=0.03)
-
-
 def test_limits_of_schemes_and_tables_are_the_known_ones():
     assert limits.oscillator_limit(SCHEMES["EA"]) == pytest.approx(2, abs=2e-3)
     assert limits.oscillator_limit(SCHEMES["CHIN4A"]) == pytest.approx(

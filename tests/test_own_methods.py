@@ -1,22 +1,15 @@
 """Methods and scenes of a user's module on the charts: `midlie chart --methods my_module:my_method`, and in Python."""
 
-import math
 import struct
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
-import work_precision
-from cases import benchmark
-from claims import Drift, Measured, Work
 from test_cli import midlie
 
 import midlie_jax as ml
-from midlie_jax.cli import chosen, convergence, scenes, stability
+from midlie_jax.cli import chosen, scenes
 from midlie_jax.simulation.summary import inspect
-
-command = benchmark("claims")
 
 # Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
 MODULE = """
@@ -56,37 +49,6 @@ def test_the_chart_takes_a_method_and_a_scene_of_a_module_in_the_current_folder(
 
 
 @pytest.mark.sample(0)
-def test_the_maps_of_stability_take_it(folder):
-    midlie_options = ["--methods", "own_numbers:my_method", "--grid", "2", "--steps", "20", "--out", "maps.png"]
-    outcome = midlie("stability", "own_numbers:my_scene", *midlie_options)
-    assert outcome.code == 0, outcome.err
-    assert sum(line.startswith(NAME) for line in outcome.out.splitlines()) == 3
-    assert (folder / "maps.png").stat().st_size > 10_000
-
-
-@pytest.mark.sample(0)
-def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch, capsys):
-    """With made-up figures. The page names the command with the name that was given."""
-    nothing, defects, eighths = np.zeros((8, 2)), (1e-15,) * 3, np.full((8, 8), 1e-3)
-    asked = []
-
-    def measured(bench, methods):
-        asked.extend(methods)
-        figures = (2.0, 1e-3, 1e-3, defects, defects, 1e-14, 1e-14, nothing, Drift(eighths, eighths, True))
-        return [Measured(one.name, *figures, Work(1, True), 2, 2, 400, True) for one in methods]
-
-    monkeypatch.setattr(command, "_measured", measured)
-    monkeypatch.setattr(command.Bench, "chaos", lambda bench: "")
-    benchmark("claims").main(["--methods", "own_numbers:my_method", "--steps", "400", "--page", "own.md"])
-    assert [method.name for method in asked] == [NAME]
-    assert "declarations of the registry hold" in capsys.readouterr().out
-    text = (folder / "own.md").read_text()
-    assert f"| `{NAME}` | 2.00 |" in text
-    assert "Written by `python benchmarks/claims.py --methods own_numbers:my_method --steps 400 --page own.md`" in text
-    assert f"--methods '{NAME}'" not in text  # which the command would not know
-
-
-@pytest.mark.sample(0)
 def test_a_run_takes_them_and_its_file_says_where_they_are_from(folder):
     """Though the scene has the name of one of the package, the file is not taken for a run of that one."""
     run = ["run", "own_numbers:my_scene", "--steps", "64"]
@@ -119,51 +81,11 @@ def test_a_store_says_so_too_and_goes_on_with_no_other_method_of_that_name(folde
     assert "the code of method" in outcome.err
 
 
-@pytest.mark.parametrize("name", ["own_numbers:impostor", "own_numbers:jacobi", "own_numbers:nothing"])
-def test_a_run_refuses_what_a_chart_refuses(name, folder):
-    errors = [midlie(*command, name).err for command in (("run", "P1", "--method"), ("chart", "P1", "--methods"))]
-    assert errors[0].partition(" (see")[0] == errors[1].partition(" (see")[0] != ""
-
-
-@pytest.mark.sample(0)
-def test_python_takes_objects_and_names_alike(folder):
-    own = chosen.methods(["own_numbers:my_method", "LIEMID[EA]", ml.method("LIEMID[EA]")])
-    assert [method.name for method in own] == [NAME, "LIEMID[EA]"]
-    assert chosen.methods([own[0], own[1]]) == own
-    scene = chosen.scene("own_numbers:my_scene")
-    assert (scene.name, scene.title) == ("P1", "a top of my own")
-    assert chosen.scene(scene) is scene
-    rows, _ = convergence.survey(scene, ["own_numbers:my_method"], [16], convergence.find_reference(scene, 16))
-    assert rows[0].method == NAME
-    steps, sweeps = stability.sweeps(scene, 2)
-    (found,) = stability.measure("own_numbers:my_method", scene, steps, sweeps[:1], 20)
-    assert found.method == NAME
-    assert np.all(np.isfinite(found.worst))
-    assert stability.lines(own[0], scene, sweeps[0])
-
-
-@pytest.mark.sample(0)
-def test_error_against_time_takes_objects():
-    """`measure` and `families_of`, with a method that no name finds."""
-    given = work_precision.problem("P1", bodies=2, judged=2, quick=True)
-    scene = replace(given.scene, duration=0.05)
-    given = given._replace(scene=scene, ends=work_precision._ends(scene, given.states)[0], longest=0.0)
-    kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT
-    own = ml.method("SYMMETRIC", ml.schemes.Scheme("MINE", 2, ((kick, 0.5), (flight, 1.0), (kick, 0.5)), "here"))
-    ours, rivals = work_precision.measure(given, [own, "LIEMID[EA]"], (), said=lambda text: None)
-    assert {point.method for point in ours} == {"SYMMETRIC[MINE]", "LIEMID[EA]"}
-    assert rivals == []
-    assert all(math.isfinite(point.error) for point in ours)
-    assert work_precision.families_of(ours, [own]) == {"SYMMETRIC[MINE]": "symplectic", "LIEMID[EA]": "conserving"}
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
         ("own_numbres:my_method", ["no module 'own_numbres'", "Did you mean 'own_numbers:my_method'?"]),
-        ("own_numbers.py:my_method", ["write own_numbers:my_method"]),
         ("own_numbers:my_methud", ["has no 'my_methud'", "its methods are impostor, my_method, verlet"]),
-        ("own_numbers:", ["'own_numbers:'", "MODULE:NAME"]),
         ("own_numbers:number", ["own_numbers:number is a float, not a method"]),
         ("own_numbers:jacobi", ["is a flight", "midlie_jax.method(jacobi, 'EA')"]),
         (
@@ -175,7 +97,6 @@ def test_error_against_time_takes_objects():
         ),
         ("own_numbers:verlet", ["'Verlet' does not support a rigid body"]),
         ("own_broken:my_method", ["own_broken.py, line 2", "ZeroDivisionError: division by zero"]),
-        ("nobody", ["unknown method 'nobody'"]),
     ],
 )
 def test_a_wrong_name_is_one_line_that_says_what_is_wrong(name, words, folder):

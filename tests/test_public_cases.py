@@ -28,16 +28,6 @@ def test_the_moments_of_echostar_ii_from_its_parts():
     np.testing.assert_allclose(centre, 0, atol=1e-15)
 
 
-def test_the_plates_and_rods_of_drake():
-    """Drake issue 19551: rounded plates are bodies, a rod is a rotor, and the last row no body can have."""
-    for plate in ((0.0833, 0.0833, 0.1667), (0.25, 0.25, 0.5)):
-        np.testing.assert_allclose(ml.RigidBody(plate).moments, plate, rtol=1e-3)
-    with pytest.raises(ValueError, match=r"for a thin rod, .* use midlie_jax\.SymmetricRotor"):
-        ml.RigidBody([1.0, 1.0, 0.0])
-    with pytest.raises(ValueError, match="the largest must not exceed the sum of the other two"):
-        ml.RigidBody([0.0347563, 0.0458929, 0.0977])
-
-
 @pytest.mark.parametrize("order", [*permutations(range(3))])
 def test_a_free_body_of_orekit(order):
     """`TorqueFreeTest`: the spatial momentum stays, and the body momentum has a period of 686.15256 s."""
@@ -88,22 +78,6 @@ def test_toutatis_over_23_days():
     np.testing.assert_allclose(angles, [115.5176, 81.9609, 110.6934], atol=6e-5)
 
 
-def test_moments_that_fall_without_torque():
-    """RocketPy 1195: I(t) = I0 (1 - 0.1 t) keeps the momentum, so the rate is L / I(t)."""
-    body, start = ml.RigidBody([5.0, 4.0, 3.0]), ml.RigidState([0.0, 0.0, 0.6], LEVEL)
-    free: Any = ml.stepper("JACOBI[EA]", body, None, start, dt=0.05)
-
-    def step(carry, _):
-        return free.step(carry, body=ml.RigidBody(body.moments * (1 - 0.1 * (free.time(carry) + 0.025)))), None
-
-    carry, _ = jax.lax.scan(step, free.init(), length=100)
-    momentum = free.state(carry).momentum
-    np.testing.assert_allclose(momentum, start.momentum, atol=1e-15)
-    np.testing.assert_allclose(momentum[2] / (3.0 * 0.5), 0.2 / 0.5, rtol=1e-14)
-    angle = 2 * np.arctan2(*np.asarray(free.state(carry).attitude)[[3, 0]])
-    assert angle == pytest.approx(0.2 * 10 * np.log(2), rel=1e-4)  # the integral of the rate
-
-
 def test_the_box_of_the_boxes_benchmark():
     """S. Peters' boxes: 10 s of free flight under gravity; energy 368.5464167 J, position (-20, 20, -410) m."""
     body = ml.FreeBody(ml.RigidBody([0.80833333, 0.68333333, 0.14166667]), 10.0)
@@ -133,16 +107,6 @@ def test_sunlight_on_a_plate_of_orts():
     still = ml.FreeState(jnp.zeros(3), jnp.array(LEVEL), jnp.zeros(3), jnp.zeros(3))
     force = ml.asteroids.Sunlight(plate, sun, 1.0, 0.2, 0.1, speed_of_light=1.0)(0.0, still).force
     np.testing.assert_allclose(force, [-0.4, 0.0, -0.6471405], atol=1e-7)
-
-
-def test_euler_angles_near_a_right_angle_in_float32():
-    """PX4 issue 27872, kornia issue 3950: where the middle angle of ZYX is nearly 90 degrees."""
-    attitude = jnp.array([0.34997767, 0.61442322, 0.34997699, -0.61442322], jnp.float32)
-    angles = ml.so3.to_euler(attitude, "ZYX")
-    assert angles.dtype == jnp.float32
-    np.testing.assert_allclose(angles[1], 1.570795, atol=2e-3)
-    again = ml.so3.from_euler(angles, "ZYX")
-    np.testing.assert_allclose(ml.so3.to_matrix(again), ml.so3.to_matrix(attitude), atol=1e-3)
 
 
 @pytest.mark.parametrize(

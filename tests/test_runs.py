@@ -60,7 +60,7 @@ def solo(name, dtype, row):
     return run_solo(name, dtype, EACH[row])
 
 
-FEW = [*product(WAYS, ["float64"]), *product(CLASSES[:2], ["float32"])]
+FEW = [*product(WAYS, ["float64"]), ("JACOBI[EA]", "float32")]
 
 
 @pytest.mark.sample(0)
@@ -78,7 +78,7 @@ def test_a_batch_equals_its_runs(name, dtype):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("mapped", ["moments", "weight", "strength", "momentum", "attitude", "dt", "t0"])
+@pytest.mark.parametrize("mapped", ["moments", "momentum", "dt"])
 def test_each_argument_can_be_mapped_alone(mapped):
     """The rest unbatched. One method is enough: mapping is the driver's business."""
     one = cast(EACH[0], "float64")
@@ -97,12 +97,12 @@ def bits(a, b):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("row", [0, TOP], ids=["swing", "top"])
 @pytest.mark.parametrize("name", each(few=WAYS))
-def test_a_split_run_equals_the_whole(name, row):
+def test_a_split_run_equals_the_whole(name):
     """To the bit, although the parts are another program, with another number of steps, that keeps fewer states."""
-    whole, half, start = solo(name, "float64", row), STEPS // 2, EACH[row]
-    for first in (0, 7, 20, 39, half):
+    half, row = STEPS // 2, WAYS.index(name) % 2 * TOP if name in WAYS else 0  # with `swing` and as a top, in turns
+    whole, start = solo(name, "float64", row), EACH[row]
+    for first in (7, half):
         momentum, attitude = at(whole.states, first)
         begun = start._replace(momentum=momentum, attitude=attitude, first_step=np.int32(first))
         path = run_solo(name, "float64", begun, steps=half, save_every=SAVE)
@@ -112,7 +112,7 @@ def test_a_split_run_equals_the_whole(name, row):
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("name", each())
+@pytest.mark.parametrize("name", each(few=WAYS[:4]))
 def test_a_batched_run_split_equals_the_whole(name):
     """The same compiled batch, begun at another step: to the bit."""
     whole, middle = batch(name, "float64"), 48
@@ -124,7 +124,7 @@ def test_a_batched_run_split_equals_the_whole(name):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", each(few=CLASSES))
+@pytest.mark.parametrize("name", each(few=CLASSES[:3]))
 def test_one_direction_follows_the_whole(name):
     """A top needs no more than the vertical: momentum and last row of R as the full state gives them."""
     top = jax.tree.map(lambda x: x[None, TOP], cast(BATCH, "float64"))

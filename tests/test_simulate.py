@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import random
-import re
 import signal
 import socket
 import subprocess
@@ -23,7 +22,6 @@ from cases import whole
 from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, WEIGHTS, simulated
 
 import midlie_jax as ml
-from midlie_jax.cli.main import main
 from midlie_jax.simulation.store import Store
 
 xarray = pytest.importorskip("xarray")
@@ -147,7 +145,7 @@ WRITES = 16 * 4  # in the 16 parts: two variables, first_bad, and the checkpoint
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("nth", range(5))
+@pytest.mark.parametrize("nth", range(2))
 def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatch, reference, nth):
     """Also if the resumed run is stopped again."""
     path, instants = tmp_path / "run.zarr", random.Random(nth)
@@ -159,18 +157,6 @@ def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatc
     simulated(path, resume=True)
     assert_same(path, reference)
     assert simulated(path, resume=True).computed == 0
-
-
-@pytest.mark.sample(0)
-def test_a_full_disk_is_an_error_that_loses_nothing(tmp_path, monkeypatch, reference):
-    path = tmp_path / "run.zarr"
-    with monkeypatch.context() as patch:
-        crash_at(patch, 40, OSError(28, "No space left on device"))
-        with pytest.raises(OSError, match="No space left"):
-            simulated(path)
-    result = simulated(path, resume=True)
-    assert 0 < result.computed < BODIES * STEPS
-    assert_same(path, reference)
 
 
 def pulled(t, state):
@@ -202,7 +188,7 @@ def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("span", "first_bad"), [(None, 1), (15, 1), (8, 8), (12, 12)])
+@pytest.mark.parametrize(("span", "first_bad"), [(15, 1), (12, 12)])
 def test_a_gain_of_energy_is_found_in_spans_of_any_length(tmp_path, span, first_bad):
     """From 128 steps of the run on, also where no span has as many and where the last one is short."""
     torque = ml.torques.FromPotential(lambda t, state: jnp.sum(state.position**2) / 2)
@@ -235,46 +221,30 @@ def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
     assert ensemble.first_bad.tolist() == [4, 0]
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"method": "SYMMETRIC[E2]"}, r"method was SYMMETRIC\[EA\] and is now SYMMETRIC\[E2\]"),
-        ({"dt": 0.04}, "dt was 0.05 and is now 0.04"),
-        ({"steps": 2 * STEPS}, f"steps was {STEPS} and is now {2 * STEPS}"),
-        ({"t0": 1.0}, "t0 was 0.0 and is now 1.0"),
-        ({"momenta": MOMENTA + 1}, "start.momentum was"),
-        ({"torque": ml.torques.HeavyTop(1.5)}, "torque.mgl was"),
-        ({"torque": lambda t, state: 0 * state.momentum}, "torque.mgl was .* and is now absent"),
-        ({"observe": ml.observe.energy}, "observe was the states and is now Quantity"),
-        ({"group": 25}, "bodies of a group was 16 and is now 25"),
-    ],
-)
-def test_another_run_is_refused(tmp_path, reference, changes, message):
-    """Also one of another version."""
+OTHERS = [
+    ({"method": "SYMMETRIC[E2]"}, r"method was SYMMETRIC\[EA\] and is now SYMMETRIC\[E2\]"),
+    ({"dt": 0.04}, "dt was 0.05 and is now 0.04"),
+    ({"steps": 2 * STEPS}, f"steps was {STEPS} and is now {2 * STEPS}"),
+    ({"momenta": MOMENTA + 1}, "start.momentum was"),
+    ({"torque": ml.torques.HeavyTop(1.5)}, "torque.mgl was"),
+    ({"torque": lambda t, state: 0 * state.momentum}, "torque.mgl was .* and is now absent"),
+    ({"observe": ml.observe.energy}, "observe was the states and is now Quantity"),
+    ({"group": 25}, "bodies of a group was 16 and is now 25"),
+]
+
+
+def test_another_run_is_refused(tmp_path, reference):
+    """Also one of another version; the file is left as it was."""
     path = tmp_path / "run.zarr"
     simulated(path)
-    with pytest.raises(ValueError, match=message):
-        simulated(path, resume=True, **changes)
+    for changes, message in OTHERS:
+        with pytest.raises(ValueError, match=message):
+            simulated(path, resume=True, **changes)
     assert_same(path, reference)
     said = zarr.open_group(path, mode="r+").attrs
     said["midlie_jax"] = str(said["midlie_jax"]).replace(f'"jax": "{jax.__version__}"', '"jax": "0.0.1"')
     with pytest.raises(ValueError, match=f"jax was 0.0.1 and is now {jax.__version__}"):
         simulated(path, resume=True)
-
-
-def test_a_run_goes_into_a_netcdf_file(tmp_path):
-    """Whose attributes cannot be dicts."""
-    run = simulated(tmp_path / "run.zarr").open()
-    run.to_netcdf(tmp_path / "run.nc")
-    with xarray.open_dataset(tmp_path / "run.nc") as found:
-        xarray.testing.assert_identical(found.load(), run.load())
-
-
-@pytest.mark.sample(0)
-def test_the_cut_of_a_resumed_run_is_kept(tmp_path):
-    simulated(tmp_path / "run.zarr")
-    assert simulated(tmp_path / "run.zarr", resume=True, group=None, span=None, chunk=None).computed == 0
 
 
 LOCKING = """
@@ -329,14 +299,10 @@ def test_bad_arguments_are_named(tmp_path, out, options, message):
     assert sorted(os.listdir(tmp_path)) == ["broken.zarr", "run.zarr"]
 
 
-@pytest.mark.parametrize("given", ["momenta", "dt", "nothing"])
-def test_a_run_within_a_traced_function_is_refused(tmp_path, given):
-    def seconds(x):
-        changes = {"momenta": {"momenta": MOMENTA * x}, "dt": {"dt": x}, "nothing": {}}[given]
-        return simulated(tmp_path / "run.npz", **changes).seconds
-
+@pytest.mark.parametrize("changes", [lambda x: {"momenta": MOMENTA * x}, lambda x: {}], ids=["momenta", "nothing"])
+def test_a_run_within_a_traced_function_is_refused(tmp_path, changes):
     with pytest.raises(ValueError, match=r"simulate needs concrete numbers, but .* traced; call it outside jit"):
-        jax.jit(seconds)(0.1)
+        jax.jit(lambda x: simulated(tmp_path / "run.npz", **changes(x)).seconds)(0.1)
 
 
 def test_a_folder_that_cannot_be_written_is_said_before_the_run():
@@ -404,35 +370,3 @@ def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
     outputs = [finished(*started) for started in both]
     assert all(outputs)
     assert_same(tmp_path / "run.zarr", optimised)
-
-
-def said(capsys, *arguments):
-    """What a command prints, and its exit code."""
-    code = main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out + captured.err
-
-
-@pytest.mark.sample(0)
-def test_the_commands(tmp_path, capsys):
-    """A run of a scene into a store, its repetition, and a look at it; and what these refuse."""
-    path, picture = tmp_path / "run.zarr", tmp_path / "run.png"
-    run = "run", "P1", "--method", "SYMMETRIC[EA]", "--bodies", 3, "--steps", 40, "--out", path
-    resumed = *run, "--save-every", 10, "--resume"
-    for command, told in (
-        (resumed, "all bodies ok"),
-        ((*resumed, "--plot", picture), "computed now: 0 body-steps"),
-        (("inspect", path, "--plot", picture), "complete"),
-    ):
-        code, text = said(capsys, *command)
-        assert (code, told in text) == (0, True), text
-    assert picture.stat().st_size > 10_000
-    assert re.search(r"energy error, largest relative, of all bodies: \d\.\d+e-\d+", text)
-    for arguments, message in (
-        (run, "exists; pass resume=True"),
-        ((*run, "--resume"), "save_every was 10 and is now 1"),
-        ((*run[:-2], "--resume"), "--resume must be given with --out"),
-        (("inspect", tmp_path), "is not the store of a run"),
-    ):
-        code, text = said(capsys, *arguments)
-        assert (code, message in text) == (2, True), text

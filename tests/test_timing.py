@@ -1,7 +1,6 @@
 """The clock, the median and the spread behind every table and chart of times, under clocks that are made up."""
 
 import math
-import os
 import time
 
 import jax
@@ -96,19 +95,3 @@ def test_a_user_is_told_that_the_machine_was_busy(machine, monkeypatch, busy, sa
         time.process_time()
     assert said in load.warning()
     assert bool(said) == bool(load.warning())
-
-
-@pytest.mark.parametrize(("load", "busy"), [(0.5, False), (4.0, False), (8.0, True)])
-def test_on_several_cores_the_load_that_the_system_reports_tells(monkeypatch, load, busy):
-    monkeypatch.setattr(timing, "cores", lambda: 4)
-    monkeypatch.setattr(os, "cpu_count", lambda: 4)
-    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
-    assert bool(Load().warning()) == busy
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system pins no processes")
-def test_one_core_is_let_go_again():
-    before = os.sched_getaffinity(0)
-    with timing.one_core():
-        assert timing.cores() == 1
-    assert os.sched_getaffinity(0) == before

@@ -102,34 +102,32 @@ def in_parts(fly, moments, h, momentum):
     return jnp.stack([*increment, *change])
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-9, 0.0])
-def test_the_derivative_of_jacobi_is_that_of_its_formulas(scale):
-    """In moments, time and momentum, for turns from a radian to none; `formula` is the flight without its own rule."""
-
-    def derivative(fly, moments, momentum):
-        return jax.jacfwd(partial(in_parts, fly), (0, 1, 2))(moments, jnp.asarray(1.0), scale * momentum)
-
-    ours, formulas = (
-        quick(jax.vmap(partial(derivative, fly)))(*CASES) for fly in (flights.Jacobi().fly, flights.Jacobi().formula)
-    )
-    for one, other in zip(ours, formulas, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * float(jnp.abs(other).max()))
+SCALES = jnp.array([1.0, 1e-3, 1e-9, 0.0])  # of the momentum: turns from a radian to none
+ANY_AXIS = jnp.array([MOMENTS[1], [5.0, 1.0, 5.0], [1.0, 5.0, 5.0]]), jnp.array(MOMENTA[:3])
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-9, 0.0])
-def test_the_derivative_of_a_symmetric_body_is_that_of_any_body(scale, axis):
-    """In moments that may become unequal, time and momentum, for turns from a radian to none."""
-    moments, momentum = jnp.array([5.0, 5.0, 1.0]), scale * jnp.array(MOMENTA[0])
-    moments, momentum = (jnp.roll(x, axis - 2) for x in (moments, momentum))
+@pytest.mark.parametrize(
+    ("flight", "other", "cases"),
+    [
+        (flights.Jacobi().fly, flights.Jacobi().formula, CASES),
+        (flights.Symmetric().fly, flights.Jacobi().fly, ANY_AXIS),
+    ],
+    ids=["jacobi", "symmetric"],
+)
+def test_the_derivative_is_that_of_the_formulas(flight, other, cases):
+    """In moments, which may become unequal, time and momentum; `formula` is the flight without its own rule."""
+
+    def derivative(mode, fly, scale, moments, momentum):
+        return mode(partial(in_parts, fly), (0, 1, 2))(moments, jnp.asarray(1.0), scale * momentum)
+
     ours, others = (
-        quick(jax.jacrev(partial(in_parts, flight.fly), (0, 1, 2)))(moments, jnp.asarray(1.7), momentum)
-        for flight in (flights.Symmetric(), flights.Jacobi())
+        quick(jax.vmap(jax.vmap(partial(derivative, mode, fly), (None, 0, 0)), (0, None, None)))(SCALES, *cases)
+        for mode, fly in ((jax.jacrev, flight), (jax.jacfwd, other))
     )
-    for one, other in zip(ours, others, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * float(jnp.abs(other).max()))
+    for found, exact in zip(ours, others, strict=True):
+        for one, truth in zip(found, exact, strict=True):  # of each scale
+            np.testing.assert_allclose(one, truth, rtol=0, atol=1e-13 * float(jnp.abs(truth).max()))
 
 
 @pytest.mark.sample(0)
