@@ -416,40 +416,40 @@ def test_surfaces_are_drawn_by_their_triangles(tmp_path):
     assert ml.plot.animate(*pair, tmp_path / "pair.gif", points=[surface, surface], frames=2).exists()
 
 
-WRONG = {
-    "frames": (lambda: ml.plot.animate(BRICK, spinning(), frames=401), "frames must be at most 400, got 401"),
-    "one frame": (lambda: ml.plot.animate(BRICK, spinning(), frames=1), "frames must be at least 2"),
-    "size": (lambda: ml.plot.animate(BRICK, spinning(), size=10), "size must be between 64 and 2000 pixels, got 10"),
-    "rate": (lambda: ml.plot.animate(BRICK, spinning(), rate=100.0), "rate must be above 0 and at most 50"),
-    "ending": (lambda: ml.plot.animate(BRICK, spinning(), "a.mp4"), "file must end in .gif, got 'a.mp4'"),
-    "another ending": (lambda: ml.plot.view(BRICK, spinning(), "a.pdf"), r"file must end in \.html"),
-    "background": (lambda: ml.plot.animate(BRICK, spinning(), background="snwo"), "a colour of matplotlib, .*'snwo'"),
-    "backward": (
+WRONG = [
+    (lambda: ml.plot.animate(BRICK, spinning(), frames=401), "frames must be at most 400, got 401"),
+    (lambda: ml.plot.animate(BRICK, spinning(), frames=1), "frames must be at least 2"),
+    (lambda: ml.plot.animate(BRICK, spinning(), size=10), "size must be between 64 and 2000 pixels, got 10"),
+    (lambda: ml.plot.animate(BRICK, spinning(), rate=100.0), "rate must be above 0 and at most 50"),
+    (lambda: ml.plot.animate(BRICK, spinning(), "a.mp4"), "file must end in .gif, got 'a.mp4'"),
+    (lambda: ml.plot.view(BRICK, spinning(), "a.pdf"), r"file must end in \.html"),
+    (lambda: ml.plot.animate(BRICK, spinning(), background="snwo"), "a colour of matplotlib, .*'snwo'"),
+    (
         lambda: ml.plot.animate(BRICK, [spinning(), spinning()._replace(times=-spinning().times)]),
         "all go forward in time, or all backward",
     ),
-    "no path": (lambda: panels(BRICK, []), "path must hold at least one path, got none"),
-    "one body": (lambda: panels([BRICK], [spinning()] * 2), "one body, or one for each of the 2 paths, got 1"),
-    "coupled": (lambda: ml.plot.animate(*apart(2), together=True), "drawn together without it"),
-    "at rest": (lambda: ml.plot.animate(BRICK, spinning(), together=True), "RigidState, which has no position"),
-    "no place": (lambda: ml.plot.animate(BRICK, spinning(), planet=1.0), "planet must be left out without positions"),
-    "box": (lambda: around_of(1.2, None, [fleet(2)]), r"\[\[0, 0, 0\], \[L, L, L\]\], for example"),
-    "corners": (lambda: ml.plot.animate(FREE, fleet(2), box=[[1.0] * 3, [0.0] * 3]), "least corner first"),
-    "planet": (lambda: ml.plot.animate(FREE, fleet(2), planet=-1.0), "planet must be the radius"),
-    "body": (lambda: ml.plot.animate(BRICK, fleet(2), together=True), "a FreeState belongs to a FreeBody, but body is"),
-    "coupled body": (lambda: ml.plot.animate(BRICK, apart(2)[1]), "a CoupledState belongs to a FreeBody"),
-    "many": (lambda: ml.plot.animate(FREE, fleet(13)), "at most 12 paths, got 13. Choose .*together=True"),
-    "too many": (lambda: ml.plot.animate(FREE, fleet(501), together=True), "at most 500 paths, got 501"),
-    "many at rest": (lambda: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "at most 12 paths, got 13"),
-    "several at rest": (
+    (lambda: panels(BRICK, []), "path must hold at least one path, got none"),
+    (lambda: panels([BRICK], [spinning()] * 2), "one body, or one for each of the 2 paths, got 1"),
+    (lambda: ml.plot.animate(*apart(2), together=True), "drawn together without it"),
+    (lambda: ml.plot.animate(BRICK, spinning(), together=True), "RigidState, which has no position"),
+    (lambda: ml.plot.animate(BRICK, spinning(), planet=1.0), "planet must be left out without positions"),
+    (lambda: around_of(1.2, None, [fleet(2)]), r"\[\[0, 0, 0\], \[L, L, L\]\], for example"),
+    (lambda: ml.plot.animate(FREE, fleet(2), box=[[1.0] * 3, [0.0] * 3]), "least corner first"),
+    (lambda: ml.plot.animate(FREE, fleet(2), planet=-1.0), "planet must be the radius"),
+    (lambda: ml.plot.animate(BRICK, fleet(2), together=True), "a FreeState belongs to a FreeBody, but body is"),
+    (lambda: ml.plot.animate(BRICK, apart(2)[1]), "a CoupledState belongs to a FreeBody"),
+    (lambda: ml.plot.animate(FREE, fleet(13)), "at most 12 paths, got 13. Choose .*together=True"),
+    (lambda: ml.plot.animate(FREE, fleet(501), together=True), "at most 500 paths, got 501"),
+    (lambda: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "at most 12 paths, got 13"),
+    (
         lambda: ml.plot.view(*twice(*apart(2, ml.CoupledRigidState))),
         "path must be one path, got several of CoupledRigidStates",
     ),
-    "points": (lambda: ml.plot.animate(*apart(2), points=np.ones(3)), r"points must be \(a, 3\)"),
-    "NaN": (lambda: ml.plot.animate(*apart(2), points=np.nan * SITES), "points must be finite"),
-    "panels": (lambda: ml.plot.animate(*apart(2), points=ml.Surface.box([1.0, 2.0, 3.0])), "drawn by its triangles"),
-    "no mass": (lambda: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),
-}
+    (lambda: ml.plot.animate(*apart(2), points=np.ones(3)), r"points must be \(a, 3\)"),
+    (lambda: ml.plot.animate(*apart(2), points=np.nan * SITES), "points must be finite"),
+    (lambda: ml.plot.animate(*apart(2), points=ml.Surface.box([1.0, 2.0, 3.0])), "drawn by its triangles"),
+    (lambda: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),
+]
 
 
 def twice(body, path):
@@ -463,7 +463,7 @@ def spinning():
     return ml.Path(path.times, states, path.ok[0], path.first_bad[0], path.result[0])
 
 
-@pytest.mark.parametrize(("show", "message"), WRONG.values(), ids=WRONG.keys())
+@pytest.mark.parametrize(("show", "message"), WRONG)
 def test_what_cannot_be_drawn_is_named_and_nothing_is_written(show, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match=message):
