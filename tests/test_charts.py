@@ -8,9 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laboratory import rivals, work_precision
-from laboratory.frontier_chart import work_precision_figure
-from laboratory.rivals.problem import Point
 
 import midlie_jax as ml
 from midlie_jax.cli import charts, convergence, figures, run_chart, scenes
@@ -40,23 +37,6 @@ def rows(names, **changes):
     ]
 
 
-def points(names, orders=(2, 4, 8)):
-    return [
-        Point(name, "", (1.3**i / n) ** orders[i % len(orders)], 1e-6 * (1 + 0.3 * i) * n, 2.0 * n, float(n))
-        for i, name in enumerate(names)
-        for n in (2, 7, 20, 70)[: 4 - (i % 3 == 2)]
-    ]
-
-
-def frontiers(ours, others):
-    ours = points(ours)
-    return work_precision_figure(ours, points(others), work_precision.families_of(ours), title="", note="")
-
-
-def of_scene(name):
-    return frontiers(work_precision.methods_for(scenes.scene(name)), [rival.label for rival in rivals.RIVALS])
-
-
 def converged(names, **changes):
     return charts.convergence_figure(
         rows(names, **changes), title="a scene", reference="nothing", clock="Some time [s]"
@@ -66,8 +46,6 @@ def converged(names, **changes):
 CHARTS = {
     "the paper's methods first": lambda: converged([*FAMILY, *OTHERS]),
     "a ladder of 90 methods": lambda: converged(map(str, range(90))),
-    "two equal moments": lambda: of_scene("P1"),
-    "a free body": lambda: of_scene("tumbling-brick"),
 }
 
 
@@ -75,7 +53,6 @@ def marked(panel):
     return [line for line in panel.lines if line.get_marker() not in ("", "None", None)]
 
 
-@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", CHARTS)
 def test_no_two_lines_look_alike_and_all_are_in_the_legend(name):
     figure = CHARTS[name]()
@@ -85,8 +62,7 @@ def test_no_two_lines_look_alike_and_all_are_in_the_legend(name):
     for panel in figure.axes:
         looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in marked(panel)]
         assert len(set(looks)) == len(looks)
-        if len(figure.axes) == 4:  # beside frontiers, marks alone tell the few single lines apart
-            assert len({look[0] for look in looks}) >= min(len(looks), 10)
+        assert len({look[0] for look in looks}) >= min(len(looks), 10)
         assert {line.get_label() for line in marked(panel)} <= set(named)
 
 
@@ -106,8 +82,6 @@ def test_times_carry_their_spread_and_free_bodies_are_charted_against_steps():
 def test_nothing_to_draw_is_said():
     with pytest.raises(ValueError, match="no method gave a finite result"):
         charts.convergence_figure([convergence.Row("SW", 0.1, 10, failure="x")], title="", reference="")
-    with pytest.raises(ValueError, match="no method gave a finite result"):
-        work_precision_figure([], [], {}, title="", note="")
 
 
 # Machado, Oliveira and Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291: what those see who lack one cone.

@@ -73,7 +73,10 @@ sys.exit(code)
 
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
-    [(["fit", "--help"], 0, "usage: midlie fit "), (["run", "P1", "--out", "x.txt"], 2, "midlie: cannot write x.txt")],
+    [
+        (["fit", "--help"], 0, "usage: midlie fit "),
+        (["run", "P1", "--out", "x.txt"], 2, "midlie: argument --out: cannot write x.txt"),
+    ],
 )
 def test_help_and_refusals_come_without_jax(arguments, code, said):
     outcome = without_jax(*arguments)
