@@ -240,6 +240,7 @@ def test_a_misfit_is_reported_before_what_is_not_determined(absolute):
     np.testing.assert_allclose(found.values["rate"][:2], np.asarray(spin().values)[:, :2].mean(axis=0), rtol=1e-6)
     # Without `absolute_sigma` sigmas count up to a factor, so that residuals that exceed them are no misfit.
     known = try_fit(spin(sigma=1e-3), absolute_sigma=absolute)
+    assert known.dof == 12
     assert known.rms > 5
     assert known.ok != absolute
     assert ("times the sigmas" in known.message) == absolute
