@@ -5,7 +5,7 @@
     python benchmarks/notebooks.py --times [NAME ...]    also puts the seconds of each into notebooks/README.md
 
 A notebook is written as a script in jupytext's percent format, `notebooks/NAME.py`; `notebooks/NAME.ipynb` has the same
-cells and their outputs, and is never edited by hand. `tests/test_notebooks.py` checks that the two agree.
+cells and their outputs, and is never edited by hand. `tests/test_docs.py` checks that the two agree.
 """
 
 import argparse

@@ -79,8 +79,8 @@ TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
 # Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, damage to stores, published
 # cases, and the applications, whose states, torques and baths are also in the law of paths.
 REST = {
-    *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_claims", "test_oracles"),
-    *("test_own_methods", "test_simulate_damage", "test_timing", "test_work_precision", "test_public_cases"),
+    *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_oracles"),
+    *("test_own_methods", "test_simulate_damage", "test_timing", "test_public_cases"),
     *("test_molecules", "test_molecule_files", "test_rod", "test_shadows", "test_spacecraft", "test_spins"),
     *("test_tides", "test_wheels"),
 }

@@ -72,25 +72,6 @@ def called_back(x):
     )
 
 
-SHARED = {"numbers": np.zeros(3)}
-
-
-@jax.jit
-def jitted_with_a_global(y):
-    return jnp.sum(y * jnp.asarray(SHARED["numbers"]))
-
-
-def in_a_global(x):
-    SHARED["numbers"] = x
-    return lambda y: jnp.sum(y * jnp.asarray(SHARED["numbers"]))
-
-
-def in_a_global_of_a_jit(x):
-    """Whose program JAX keeps: in one process a change of the global has no effect."""
-    SHARED["numbers"] = x
-    return jitted_with_a_global
-
-
 def in_a_module(x):
     return Weighted(jnp.asarray(x))
 

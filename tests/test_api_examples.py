@@ -1,17 +1,71 @@
-"""Every public name has an example in its docstring, and what the example prints is what it says.
+"""Every public name has an entry on the page of its topic, a docstring, and an example that prints what it says.
 
 The examples are of the standard module doctest: lines after >>> in a section "Examples:". The docstring of the package
 lists the names that they use without a definition.
 """
 
 import doctest
+import importlib.util
 import inspect
+import re
 from itertools import zip_longest
+from pathlib import Path
 
 import pytest
-from test_api_pages import ENTRIES, hooks
 
 import midlie_jax as ml
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+
+_spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+assert _spec
+assert _spec.loader
+hooks = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(hooks)
+
+TOPICS = hooks.topics((DOCS / "api.md").read_text())
+ENTRIES = {Path(page).stem: hooks.ENTRY.findall(text) for page, text in TOPICS.items()}
+SHOWN = [entry for entries in ENTRIES.values() for entry in entries]
+OBJECTS = [hooks.module_of(entry) for entry in SHOWN]
+# The package, and what `ml` reaches besides classes and functions.
+NAMES = [name for name in hooks.public_names("midlie_jax") if inspect.ismodule(getattr(ml, name))]
+MODULES = ["midlie_jax", *(f"midlie_jax.{name}" for name in NAMES)]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_public_name_has_an_entry_and_a_docstring_of_its_own(module):
+    """The entry is under this name or, for what `ml` takes from a module that has a topic, under that of the module."""
+    assert hooks.module_of(module).__doc__
+    assert hooks.entries(module)
+    for entry in hooks.entries(module):
+        found = hooks.module_of(entry)
+        assert any(found is known for known in OBJECTS), f"docs/api.md lists names by topic; it lacks {entry}"
+        text = vars(found).get("__doc__") if inspect.isclass(found) else found.__doc__
+        assert text, entry
+        assert re.search(r"[^\s.]\.(\s|$)", inspect.cleandoc(text).split("\n\n")[0]), entry  # a sentence
+
+
+def test_every_page_is_in_the_site_and_explains_public_names():
+    """Also those that are made from other files."""
+    nav = re.findall(r"([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    notebooks = [f"notebooks/{path.stem}.md" for path in (ROOT / "notebooks").glob("*.ipynb")]
+    made = [*TOPICS, "notebooks/README.md", "CHANGELOG.md", *notebooks]
+    assert sorted(nav) == sorted([*(page.relative_to(DOCS).as_posix() for page in PAGES[1:]), *made])
+    shown = [entry.removeprefix("midlie_jax.") for entry in SHOWN]
+    assert len(set(shown)) == len(shown) > 100
+    for begins in hooks.EXPLAINED.values():
+        assert [begin for begin in begins if not any(entry.startswith(begin) for entry in shown)] == []
+
+
+def test_formulas_become_mathml():
+    pytest.importorskip("math_core")  # of the extra docs
+    made = hooks.with_mathml(r'<p>A <span class="arithmatex">\(a &lt; b\)</span>, <code>$x$</code>.</p>', "heat.md")
+    assert made == "<p>A <math><mi>a</mi><mo>&lt;</mo><mi>b</mi></math>, <code>$x$</code>.</p>"
+    with pytest.raises(ValueError, match=r"heat\.md must have formulas in LaTeX, got"):
+        hooks.with_mathml(r'<span class="arithmatex">\(\nothing\)</span>', "heat.md")
+
 
 WRITERS = {
     "midlie_jax.spacecraft.attitudes": "midlie_jax.spacecraft.attitudes.write"

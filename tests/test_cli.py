@@ -4,7 +4,6 @@ import csv
 import itertools
 import os
 import re
-import struct
 import subprocess
 import sys
 import tomllib
@@ -72,20 +71,18 @@ sys.exit(code)
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"]])
-def test_help_comes_without_jax(arguments):
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["fit", "--help"], 0, "usage: midlie fit "),
+        (["run", "P1", "--out", "x.txt"], 2, "midlie: argument --out: cannot write x.txt"),
+    ],
+)
+def test_help_and_refusals_come_without_jax(arguments, code, said):
     outcome = without_jax(*arguments)
-    assert outcome.returncode == 0, outcome.stderr
-    assert f"usage: midlie{' ' + arguments[0] if len(arguments) > 1 else ''} " in outcome.stdout
+    assert outcome.returncode == code, outcome.stderr
+    assert (outcome.stderr if code else outcome.stdout).startswith(said)
     assert outcome.stdout.endswith("imported: []\n")
-
-
-@pytest.mark.parametrize("arguments", [["chrat"], ["run", "P1", "--out", "x.txt"]])
-def test_a_wrong_line_is_refused_without_jax(arguments):
-    outcome = without_jax(*arguments)
-    assert outcome.returncode == 2
-    assert outcome.stderr.startswith("midlie: ")
-    assert outcome.stdout == "imported: []\n"
 
 
 @pytest.mark.parametrize(
@@ -97,65 +94,34 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["run", "P1", "--method", "Verlet"], ["moves Particles"]),
         (["run", "P1", "--dt", "0"], ["midlie: dt must be finite and not zero, got 0", "write for example --dt 0.005"]),
         (["run", "P1", "--dt", "1e-60", "--float32"], ["dt must be finite and not zero", "1e-60, in float32"]),
-        (["run", "P1", "--dt", "1e300", "--float32"], ["dt must be finite and not zero", "got inf (from 1e+300"]),
         (["run", "P1", "--dt", "1e-12"], ["1e-12 gives 1.0e+13 steps", "give a larger --dt"]),
         (["run", "P1", "--dt", "small"], ["--dt", "must be a number, got 'small'", "write for example"]),
         (["run", "P1", "--steps", "-3"], ["--steps", "a whole number, at least 1", "write for example 1000 or 1e3"]),
-        (["run", "P1", "--steps", "many"], ["--steps", "'many'", "write for example 1000", "see midlie run --help"]),
-        (["run", "P1", "--steps", "1.5"], ["--steps", "a whole number", "'1.5'"]),
         (["run", "P1", "--steps", "1e30"], ["--steps", "at most 2147483647"]),
-        (["run", "P1", "--bodies", "0"], ["--bodies", "at least 1"]),
         (["run", "P1", "--seed", "-1"], ["--seed", "at least 0"]),
         (["run", "P1", "--stpes", "3"], ["--stpes", "did you mean --steps?", "see midlie run --help"]),
         (["run", "P1", "P2"], ["unrecognized arguments: P2", "see midlie run --help"]),
         (["run"], ["SCENE", "see midlie run --help"]),
         (["run", "P1", "--out", "no/such/folder/x.npz"], ["cannot write no/such/folder/x.npz", "no such folder"]),
         (["run", "P1", "--out", "x.txt"], ["cannot write x.txt", "must end in .npz or .csv"]),
-        (["run", "P1", "--plot", "x.pdf"], ["cannot write x.pdf", "must end in .png"]),
         (["chart", "--methods", "Verlet"], ["'Verlet' does not support a rigid body"]),
-        (["chart", "--out", "x.svg"], ["must end in .png", "see midlie chart --help"]),
         (["chart", "--levels", "40"], ["40 levels from 500 steps", "use fewer"]),
-        (["chart", "--level", "no"], ["--levels", "a whole number", "see midlie chart --help"]),
         (["view", "run.npz", "--axis", "0,0,0"], ["--axis", "must be e1, e2 or e3, or a direction", "'0,0,0'"]),
-        (["methods", "all"], ["unknown method 'all'", "see midlie methods --help"]),
-        (["scenes", "p1-tited"], ["unknown scene 'p1-tited'", "Did you mean 'P1-tilted'?"]),
-        (["chart", "P1", "--rivals"], ["unrecognized arguments: --rivals", "see midlie chart --help"]),
-        (["paint"], ["paint", "chart", "see midlie --help"]),
         (["chrat"], ["unknown command 'chrat'", "did you mean chart?"]),
         ([], ["COMMAND", "see midlie --help"]),
-        *(
-            (["run", "spherical-pendulum", "--method", method], [f"{method!r} moves RigidBody", "is SymmetricRotor"])
-            for method in ("JACOBI[EA]", "AKW", "SW", "NMB", "PGBS12")
-        ),
-        (["run", "boomerang", "--method", "AKW"], ["'AKW' moves RigidBody", "FreeBody"]),
-        (["run", "dimer", "--method", "AKW"], ["'AKW' moves RigidBody", "FreeBody"]),
+        (["run", "spherical-pendulum", "--method", "AKW"], ["'AKW' moves RigidBody", "is SymmetricRotor"]),
         (["run", "thrown-brick", "--method", "SYMMETRIC[EA]"], ["needs bodies with two equal moments"]),
         (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not support a SymmetricRotor"]),
         (["chart", "rod"], ["'rod' has 21 coupled bodies", "a chart measures one", "midlie run rod"]),
-        *(
-            (["stability", name], ["needs a rigid body without translation", f"{name!r} is a {kind}"])
-            for name, kind in (
-                ("boomerang", "FreeBody"),
-                ("dimer", "FreeBody"),
-                ("spherical-pendulum", "SymmetricRotor"),
-            )
-        ),
-        (["stability", "nowhere"], ["unknown scene 'nowhere'"]),
-        (["stability", "P1", "--methods", "Verlet"], ["'Verlet' does not support a rigid body"]),
+        (["stability", "dimer"], ["needs a rigid body without translation", "'dimer' is a FreeBody"]),
         (["stability", "asymmetric-top", "--methods", "SYMMETRIC[EA]"], ["needs bodies with two equal moments"]),
         (["stability", "pulsed-body"], ["'pulsed-body' has no constant energy"]),
-        (["stability", "gravity-gradient"], ["'gravity-gradient' has no constant energy"]),
-        (["stability", "P1", "--grid", "1"], ["--grid"]),
         (["stability", "P1", "--sweeps", "colour"], ["invalid choice: 'colour'"]),
         (["stability", "tumbling-brick", "--sweeps", "spin", "stiffness"], ["no stiffness to vary; it has spin, ani"]),
         (["stability", "P1", "--out", "maps.pdf"], ["must end in .png"]),
-        *(
-            (["view", "run.npz", "--axis", number], ["must be e1, e2 or e3", "Python's axis=0, 1, 2 are e1, e2, e3"])
-            for number in "0123"
-        ),
+        (["view", "run.npz", "--axis", "0"], ["must be e1, e2 or e3", "Python's axis=0, 1, 2 are e1, e2, e3"]),
         (["view", "run.npz", "--size", "100"], ["--size must be given with --out and a .gif"]),
         (["export", "run.npz", "--euler", "ZZX"], ["without equal neighbours"]),
-        (["export", "run.npz", "--euler", "zyx"], ["write for example ZYX"]),
         (["export", "run.npz", "--out", "angles.txt"], ["must end in .csv"]),
     ],
 )
@@ -165,11 +131,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(arguments, words):
 
 
 @pytest.mark.parametrize(
-    ("package", "arguments"),
-    [
-        *((package, ["chart"]) for package in ("matplotlib", "tqdm")),
-        ("matplotlib", ["run", "P1", "--plot", "x.png"]),
-    ],
+    ("package", "arguments"), [("tqdm", ["chart"]), ("matplotlib", ["run", "P1", "--plot", "x.png"])]
 )
 def test_a_missing_extra_is_named_before_anything_is_measured(package, arguments, monkeypatch):
     find_spec = tables.find_spec
@@ -182,28 +144,41 @@ def test_a_missing_extra_is_named_before_anything_is_measured(package, arguments
 
 
 @pytest.mark.sample(0)
-def test_run_reports_the_conservation_laws_of_a_batch_of_tops():
-    outcome = midlie("run", "P1", "--bodies", "3", "--steps", "1e2", "--dt", "0.01", "--method", "LIEMID[E2]")
-    seen = outcome.facts
-    assert "3 perturbed bodies, LIEMID[E2], 100 steps of 0.01, float64" in outcome.out
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_run_is_reported_and_run_again_from_its_file(tmp_path, dtype):
+    """Every number that the run needs is in the file, and gives the states in the file."""
+    path = tmp_path / "run.npz"
+    options = [*("--bodies", "3", "--size", "0.02", "--seed", "7"), *("--steps", "60", "--method", "LIEMID[E2]")]
+    said = midlie("run", "P1", *options, "--out", path, *(["--float32"] if dtype == "float32" else []))
+    assert f"wrote {path}" in said.out
+    assert f"3 perturbed bodies, LIEMID[E2], 60 steps of 0.005, {dtype}" in said.out
+    seen = said.facts
     # LIEMID[E2] is symplectic of order 1 up to third order in the step: its energy error is seen, and small.
     assert 1e-12 < float(seen["energy error, largest relative"]) < 1e-4
     size, what = seen["momentum error, largest relative"].split(maxsplit=1)
-    assert float(size) < 100 * 8 * np.finfo(float).eps
+    assert float(size) < 60 * 8 * np.finfo(dtype).eps
     assert "vertical" in what
     assert seen["ok"] == "yes"
-    assert seen["throughput"].endswith("body-steps/s")
-    assert float(seen["throughput"].split()[0]) > 0
+    assert float(seen["throughput"].removesuffix("body-steps/s")) > 0
     assert re.fullmatch(r"\S+ s of (processor|wall) time on .+ \(median, ±\d+%\)", seen["run time"])
-
-
-@pytest.mark.sample(0)
-def test_run_in_single_precision_says_what_is_not_conserved():
-    outcome = midlie("run", "pulsed-body", "--steps", "30", "--float32", "--method", "LIEMID[E1]")
-    seen = outcome.facts
-    assert "float32" in outcome.out
-    assert "no potential" in seen["energy error, largest relative"]
-    assert "not conserved" in seen["momentum error, largest relative"]
+    found = loaded(path)
+    text = {name: str(found[name]) for name in found if found[name].dtype.kind == "U" and not found[name].ndim}
+    assert text["dtype"] == dtype
+    scene = scenes.scene(text["scene"], text["dtype"])
+    count, size, seed = int(found["bodies"]), float(found["perturbation_size"]), int(found["perturbation_seed"])
+    starts = scenes.perturbed(scene, count, size, seed)
+    dt, steps = float(found["dt"]), int(found["steps"])
+    assert (count, dt, steps) == (3, float(np.dtype(dtype).type(0.005)), 60)
+    again = ml.ensemble(
+        text["method"], ml.RigidBody(found["moments"]), scene.torque, starts, dt=dt, steps=steps, save_every=1
+    )
+    assert found["momenta"].shape == (3, 61, 3)
+    assert found["momenta"].dtype == found["attitudes"].dtype == found["times"].dtype == dtype
+    scale = 50 * 60 * 8 * np.finfo(dtype).eps
+    np.testing.assert_allclose(found["momenta"], again.states.momentum, rtol=0, atol=scale)
+    np.testing.assert_allclose(found["attitudes"], again.states.attitude, rtol=0, atol=scale)
+    np.testing.assert_array_equal(found["times"], again.times)
+    np.testing.assert_array_equal(found["ok"], [True] * 3)
 
 
 @pytest.mark.sample(0)
@@ -244,12 +219,7 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     assert slopes["LIEMID[EA]"] == pytest.approx([2] * 4, abs=0.021)
     assert slopes["LIEMID[E1]"] == pytest.approx([1] * 4, abs=0.021)
 
-    data = png.read_bytes()
-    assert data.startswith(b"\x89PNG\r\n\x1a\n")
-    width, height = struct.unpack(">II", data[16:24])
-    assert 1200 <= width <= 2400
-    assert 900 <= height <= 2000
-    assert 40_000 < len(data) < 1_000_000
+    assert png.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     assert f"wrote {png}" in outcome.out
 
 
@@ -257,16 +227,15 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
 def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
     """In the folder that JAX is told; the second process loads them."""
 
-    def run(**more: str) -> tuple[int, str]:
-        env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_LOG_COMPILES": "1", **more}
+    def run() -> tuple[int, str]:
+        env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_LOG_COMPILES": "1"}
         command = [sys.executable, "-m", "midlie_jax", "run", "P1", "--steps", "7", "--out", str(tmp_path / "run.npz")]
         found = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
         return len(list(tmp_path.glob("cache/midlie_jax/*/*-cache"))), found.stderr
 
-    none, _ = run(JAX_ENABLE_COMPILATION_CACHE="0")
     kept, _ = run()
     _, log = run()
-    assert none == 0 < kept
+    assert kept > 0
     assert "Persistent compilation cache hit" in log
 
 
@@ -276,35 +245,6 @@ def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
 def loaded(path) -> dict[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as file:
         return dict(file)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_a_run_is_run_again_from_its_file(tmp_path, dtype):
-    """Every number that the run needs is in the file, and gives the states in the file."""
-    path = tmp_path / "run.npz"
-    options = [*("--bodies", "3", "--size", "0.02", "--seed", "7"), *("--steps", "60", "--method", "LIEMID[E2]")]
-    said = midlie("run", "P1", *options, "--out", path, *(["--float32"] if dtype == "float32" else []))
-    assert f"wrote {path}" in said.out
-    found = loaded(path)
-    text = {name: str(found[name]) for name in found if found[name].dtype.kind == "U" and not found[name].ndim}
-    assert text["dtype"] == dtype
-    scene = scenes.scene(text["scene"], text["dtype"])
-    count, size, seed = int(found["bodies"]), float(found["perturbation_size"]), int(found["perturbation_seed"])
-    starts = scenes.perturbed(scene, count, size, seed)
-    dt, steps = float(found["dt"]), int(found["steps"])
-    assert (count, dt, steps) == (3, float(np.dtype(dtype).type(0.005)), 60)
-    again = ml.ensemble(
-        text["method"], ml.RigidBody(found["moments"]), scene.torque, starts, dt=dt, steps=steps, save_every=1
-    )
-    assert found["momenta"].shape == (3, 61, 3)
-    assert found["attitudes"].shape == (3, 61, 4)
-    assert found["momenta"].dtype == found["attitudes"].dtype == found["times"].dtype == dtype
-    scale = 50 * 60 * 8 * np.finfo(dtype).eps
-    np.testing.assert_allclose(found["momenta"], again.states.momentum, rtol=0, atol=scale)
-    np.testing.assert_allclose(found["attitudes"], again.states.attitude, rtol=0, atol=scale)
-    np.testing.assert_array_equal(found["times"], again.times)
-    np.testing.assert_array_equal(found["ok"], [True] * 3)
 
 
 def made_up(name, bodies, dtype="float64") -> Record:
@@ -332,54 +272,47 @@ def test_a_file_names_its_parts_and_where_they_come_from(tmp_path):
     assert re.match(r"\d+\.\d+", str(found["version"]))
     np.testing.assert_array_equal(found["axes"], made.scene.axes)
     np.testing.assert_array_equal(found["moments"], made.scene.body.moments)
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("bodies", [1, 3])
-def test_a_csv_has_named_columns_and_gives_back_the_numbers(tmp_path, bodies, dtype):
-    path, made = tmp_path / "run.csv", made_up("tumbling-brick", bodies, dtype)
+    path, made = tmp_path / "run.csv", made_up("tumbling-brick", 3, "float32")
     save(made, str(path))
-    with path.open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    names = [*("body", "time", "momentum_1", "momentum_2", "momentum_3")]
-    names += [*("attitude_w", "attitude_x", "attitude_y", "attitude_z", "ok")]
+    lines = list(csv.DictReader(path.read_text().splitlines()))
+    names = ["body", "time", *found["momentum_components"], *found["attitude_components"], "ok"]
     assert list(lines[0]) == names
-    assert len(lines) == bodies * 5
-    for line, (body, n) in zip(lines, np.ndindex(bodies, 5), strict=True):
-        assert int(line["body"]) == body
-        assert int(line["ok"]) == made.ok[body]
-        numbers = np.array([line[name] for name in names[1:-1]], dtype)
+    assert len(lines) == 3 * 5
+    for line, (body, n) in zip(lines, np.ndindex(3, 5), strict=True):
+        assert (int(line["body"]), int(line["ok"])) == (body, made.ok[body])
+        numbers = np.array([line[name] for name in names[1:-1]], "float32")
         np.testing.assert_array_equal(numbers, [made.times[n], *made.momenta[body, n], *made.attitudes[body, n]])
 
 
 @pytest.mark.sample(0)
 def test_a_prime_number_of_steps_keeps_as_many_states(tmp_path):
-    """4001 steps have no divisor; the run is made of two parts, and ends where one in one piece does."""
+    """4001 steps have no divisor; the run is made of two parts, and ends where the closed form does."""
     path = tmp_path / "run.npz"
     assert midlie("run", "free-asymmetric", "--steps", 4001, "--out", path).code == 0
     found = loaded(path)
     assert len(found["times"]) == 1 + 4001 // 3 + 1
     assert found["times"][-1] == 4001 * 0.01
     scene = scenes.scene("free-asymmetric", "float64")
-    whole = ml.integrate("JACOBI[EA]", scene.body, None, scene.start, dt=0.01, steps=4001, save_every=4001)
-    np.testing.assert_allclose(found["momenta"][0, -1], whole.states.momentum[-1], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found["attitudes"][0, -1], whole.states.attitude[-1], rtol=0, atol=1e-12)
+    end = ml.free_motion(scene.body, scene.start, found["times"][-1:]).states
+    np.testing.assert_allclose(found["momenta"][0, -1], end.momentum[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found["attitudes"][0, -1], end.attitude[0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("steps", [1, 2, 7, 199, 200, 201, 1009, 2000, 2003, 10**6, 10**9 + 7])
 @pytest.mark.parametrize("most", [200, 2000])
-def test_states_are_kept_at_every_so_many_steps(steps, most):
-    every = run_command._save_every(steps, 1, most)
-    kept = -(-steps // every)
-    assert min(steps, most // 2) <= kept <= most
-    assert run_command._save_every(steps, 2**25, most) == steps
+def test_states_are_kept_at_every_so_many_steps(most):
+    for steps in (1, 2, 7, 199, 200, 201, 1009, 2000, 2003, 10**6, 10**9 + 7):
+        every = run_command._save_every(steps, 1, most)
+        assert min(steps, most // 2) <= -(-steps // every) <= most
+        assert run_command._save_every(steps, 2**25, most) == steps
 
 
 @pytest.mark.sample(0)
 def test_a_run_that_fails_is_reported_saved_and_drawn(tmp_path):
     npz, png = tmp_path / "run.npz", tmp_path / "run.png"
-    said = midlie("run", "P1", "--dt", 3, "--steps", 4, "--bodies", 2, "--out", npz, "--plot", png)
+    said = midlie("run", "pulsed-body", "--dt", 1e6, "--steps", 4, "--bodies", 2, "--out", npz, "--plot", png)
     assert said.facts["ok"].startswith("NO: failed for 2 of 2")
+    assert "no potential" in said.facts["energy error, largest relative"]
+    assert "not conserved" in said.facts["momentum error, largest relative"]
     found = loaded(npz)
     assert not found["ok"].any()
     assert png.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -461,8 +394,6 @@ def test_export_writes_time_and_attitude(run, tmp_path):
 
 OBSERVED = {
     "states": ({}, ["attitude w", "attitude x", "attitude y", "attitude z", "momentum 1", "momentum 2", "momentum 3"]),
-    "a number": ({"observe": ml.observe.energy}, ["observed"]),
-    "a step each": ({"dt": jnp.array([0.1, 0.2, 0.3]), "observe": ml.observe.energy}, ["observed"]),
     "histogram": (
         {"observe": ml.observe.Histogram(ml.observe.energy, [0.0, 1.0, 9.0])},
         ["observed 1", "observed 2"],
@@ -488,6 +419,7 @@ def test_any_store_is_drawn(tmp_path, observed):
         assert (code, picture.stat().st_size > 5000) == (0, True)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("ending", ["zarr", "npz"])
 def test_a_run_goes_on_from_the_last_states_of_another(run, tmp_path, ending):
     """With the same bits and times; the start and the end alone are saved unless more is asked for."""
@@ -503,10 +435,7 @@ def test_a_run_goes_on_from_the_last_states_of_another(run, tmp_path, ending):
     for one, other in zip(jax.tree.leaves(two.states()), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(one, other[:, 2:])
     np.testing.assert_array_equal(two.open()["time"], run.open().time[2:])
-
-
-def test_what_was_observed_is_no_state(tmp_path):
-    seen = simulated(tmp_path / "run.zarr", observe=ml.observe.angular_velocity)
+    seen = simulated(tmp_path / "seen.zarr", steps=2, observe=ml.observe.angular_velocity)
     with pytest.raises(ValueError, match="holds no states"):
         seen.states()
 
@@ -525,11 +454,14 @@ def test_maps_of_stability_are_measured_and_drawn(tmp_path):
     ]
     assert png.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     assert f"wrote {png}" in out
-    alone = midlie(*run, 2, "--steps", 20, "--sweeps", "stiffness").out
-    assert ("stiffness" in alone, alone.count("SYMMETRIC[EA]")) == (True, 1)
+    scene, method = scenes.scene("compass"), ml.method("SYMMETRIC[EA]")
+    _, (_, _, field) = stability.sweeps(scene, 5)
+    found = {line.kind: line.steps for line in stability.lines(method, scene, field)}
+    np.testing.assert_allclose(found["stability"], 2 / field.values, rtol=2e-3)
+    np.testing.assert_allclose(found["reach"], method.reach / 0.6)
 
 
-@pytest.mark.parametrize("name", ["P1", "asymmetric-top", "tumbling-brick"])
+@pytest.mark.parametrize("name", ["asymmetric-top", "tumbling-brick"])
 def test_sweeps_pass_through_the_scene_and_keep_bodies_real(name):
     scene = scenes.scene(name)
     moments, momentum = np.asarray(scene.body.moments), np.asarray(scene.start.momentum)
@@ -547,26 +479,3 @@ def test_sweeps_pass_through_the_scene_and_keep_bodies_real(name):
     np.testing.assert_allclose(np.linalg.norm(spin.momenta / moments, axis=1), spin.values)
     np.testing.assert_allclose(shape.moments[0], moments.mean())
     np.testing.assert_allclose(np.ptp(shape.moments, axis=1), shape.values * np.ptp(moments), atol=1e-12)
-
-
-def test_lines_are_the_limits_at_each_value():
-    scene, method = scenes.scene("compass"), ml.method("SYMMETRIC[EA]")
-    _, (_, _, field) = stability.sweeps(scene, 5)
-    found = {line.kind: line.steps for line in stability.lines(method, scene, field)}
-    np.testing.assert_allclose(found["stability"], 2 / field.values, rtol=2e-3)
-    np.testing.assert_allclose(found["reach"], method.reach / 0.6)
-
-
-def test_failures_are_hatched_and_runs_that_blow_up_are_black():
-    scene = scenes.scene("compass")
-    steps, sweeps = stability.sweeps(scene, 2)
-    nothing = np.zeros((2, 2), bool)
-    failed, blown_up = nothing.copy(), nothing.copy()
-    failed[0, 1], blown_up[1, 1] = True, True
-    found = [stability.Map("SYMMETRIC[EA]", np.full((2, 2), 1e-3), failed, blown_up)] * len(sweeps)
-    figure = stability.stability_figure([found], {}, steps, sweeps, title="t", note="n", time_unit="s")
-    colours, black = figure.axes[0].collections
-    np.testing.assert_array_equal(np.ma.getmaskarray(colours.get_array()).reshape(2, 2), failed | blown_up)
-    np.testing.assert_array_equal(np.ma.getmaskarray(black.get_array()).reshape(2, 2), ~blown_up)
-    assert figure.axes[0].patches[0].get_hatch()
-    assert [axes.get_ylabel() for axes in figure.axes[:3]] == [sweep.label for sweep in sweeps]

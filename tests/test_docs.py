@@ -10,8 +10,12 @@ import tempfile
 import traceback
 from pathlib import Path
 
+import coming_from
 import jax
+import jupytext
+import nbformat
 import pytest
+from alone import run
 from cases import benchmark
 
 import midlie_jax as ml
@@ -62,52 +66,15 @@ def test_the_ratios_of_readme_and_reports_are_those_measured():
         assert f"{slowest} to {fastest} times faster than {program}" in readme
     for row in measured:
         assert f"| {row['scene']} | {' | '.join(map(inverse, list(row.values())[1:]))} |" in report
-    table = (DOCS / "choosing-a-method.md").read_text().split("<!-- fastest -->\n")[1].split("<!-- /fastest -->")[0]
-    fastest = benchmark("work_precision").fastest_rows()
-    assert table.splitlines()[2:] == [harness.row_of(cells) for cells in fastest]
     rows = [row for scene in harness.by_scene("work-precision").values() for row in scene]
     reached = [row[f"general / {program}"] for row in rows for program in ("heyoka", "diffrax")]
     assert all(float(ratio) < 1 for ratio in reached if ratio != "-")  # the first sentence of the report
-    assert {r["scene"] for r in rows if float(r["symplectic / heyoka"]) > 1} == {"asymmetric-top", "orbit"}
 
 
 def test_the_tagline_is_the_same_everywhere():
     tagline = ml.__doc__.splitlines()[0].removesuffix(".")
     texts = [(ROOT / name).read_text() for name in ("README.md", "docs/index.md", "pyproject.toml", "CITATION.cff")]
     assert [tagline in text for text in texts] == [True] * 4
-
-
-def tables_of(code):
-    """The page and the mark of each table that a benchmark writes."""
-    for constant in re.findall(r'^PAGE = (".+\.md")', code, re.MULTILINE):
-        code = re.sub(r"\bPAGE,", f"{constant},", code)
-    return re.findall(r'(?:Table|put)\(\s*(?:\*\(\s*)?"([\w/-]+\.md)",\s*"([\w -]+)"', code)
-
-
-def test_tables_of_benchmarks_have_their_places():
-    """Each has its two comments on its page, and all pairs of comments but one are those of a benchmark."""
-    texts = {page.relative_to(DOCS).as_posix(): page.read_text() for page in DOCS.rglob("*.md")}
-    marks = {(page, mark) for page, text in texts.items() for mark in re.findall(r"<!-- /([\w -]+) -->", text)}
-    assert all(texts[page].count(f"<!-- {mark} -->\n") == 1 for page, mark in marks)
-    assert all(texts[page].index(f"<!-- {mark} -->") < texts[page].index(f"<!-- /{mark} -->") for page, mark in marks)
-    written = {place for path in (ROOT / "benchmarks").rglob("*.py") for place in tables_of(path.read_text())}
-    written |= {(page, "measured") for page in texts if page.startswith("coming-from/")}
-    claims = (ROOT / "benchmarks" / "claims.py").read_text()
-    written |= {("reports/claims.md", mark) for mark in re.findall(r'"(claims \w+)"', claims)}
-    written |= {("reports/work-precision.md", scene) for scene in benchmark("work_precision").SCENES}
-    assert marks - written == {("how-it-compares.md", "features")}
-    assert written - marks == set()
-
-
-def test_data_files_are_written_by_a_benchmark_and_on_a_page():
-    """Each whole table has a script that writes it, by its name, and a page that leads to it; none is empty."""
-    harness = benchmark("harness")
-    code = "".join(path.read_text() for path in (ROOT / "benchmarks").rglob("*.py"))
-    text = "".join(path.read_text() for path in (DOCS / "reports").glob("*.md"))
-    for name in sorted(path.stem for path in harness.DATA.iterdir()):
-        assert f'"{name}"' in code or name.startswith("claims-")
-        assert f"(tables/{name}.csv)" in text
-        assert harness.saved(name)
 
 
 def run_page(page):
@@ -162,6 +129,66 @@ def test_makefile_names_tests_that_exist():
     assert len(lists) == 2
     named = set(" ".join(lists).replace("\\", "").split())
     assert {name for name in named if not (ROOT / f"tests/test_{name}.py").exists()} == set()
+
+
+# ---- pictures, notebooks, programs beside ours ----
+
+
+def test_every_picture_is_on_a_page_with_its_command_and_small():
+    """`make figures` draws those of docs/; what is in the repository has less than 4 MB in all."""
+    figures = benchmark("figures")
+    files = {path.name for path in DOCS.rglob("*") if path.suffix in (".png", ".gif")}
+    shown = {Path(name).name for page in PAGES[1:] for name, _ in figures.PICTURE.findall(page.read_text())}
+    assert files
+    assert files == shown == set(figures.commands())
+    for command in figures.commands().values():
+        program, script, *_ = command.split()
+        assert program == "midlie" or (ROOT / script).is_file()
+    total = sum(path.stat().st_size for folder in (DOCS, ROOT / "tests") for path in folder.rglob("*.[pg][ni][gf]"))
+    total += sum(len(output.get("data", {}).get("image/png", "")) for script in SCRIPTS for output in outputs(script))
+    assert total < 4e6, f"{total / 1e6:.2f} MB of pictures"
+
+
+SCRIPTS = sorted((ROOT / "notebooks").glob("*.py"))
+# What names the machine on which a notebook was executed, or an address in its memory.
+OF_A_MACHINE = re.compile(r"/(?:home|root|work|tmp|Users|var|opt)/|site-packages|[A-Z]:\\| at 0x|ipykernel_\d")
+
+
+def outputs(script):
+    cells = nbformat.read(script.with_suffix(".ipynb"), 4).cells
+    return [output for cell in cells if cell.cell_type == "code" for output in cell.outputs]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_a_notebook_is_its_script_executed_once_without_errors(script):
+    """As stored; `make notebooks` executes them. Nothing in it names the machine, and the index names it."""
+    notebook, source = nbformat.read(script.with_suffix(".ipynb"), 4), jupytext.read(script, fmt="py:percent")
+    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == [(c.cell_type, c.source) for c in source.cells]
+    written = [cell for cell in notebook.cells if cell.cell_type == "code" and cell.source.strip()]
+    assert [cell.execution_count for cell in written] == list(range(1, len(written) + 1))
+    assert outputs(script)
+    for output in outputs(script):
+        assert output.output_type != "error"
+        assert output.get("name") != "stderr", output.text
+        data = {key: value for key, value in output.get("data", {}).items() if "image" not in key}
+        text = "\n".join(map(str, [output.get("text", ""), *data.values()]))
+        assert not OF_A_MACHINE.search(text), text
+    assert f"({script.stem}.ipynb)" in (ROOT / "notebooks" / "README.md").read_text()
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", coming_from.PAGES)
+def test_both_columns_of_a_page_on_coming_from_give_the_same_motion(name):
+    """Within the error that the page states: of its first table, and of all together or of LAMMPS."""
+    if absent := coming_from.missing(name):
+        pytest.skip(f"{' and '.join(absent)} is not installed")
+    page, pairs = coming_from.PAGES[name], [(coming_from.columns(name), None)]
+    if name == "molecular-dynamics":
+        pairs.append((coming_from.programs()[1], None))
+    elif len(coming_from.tables(name)) > 1:
+        pairs.append((coming_from.joined(name), page.further))
+    for codes, within in pairs:
+        coming_from.agree(name, *(run(code, page.quantities) for code in codes), within)
 
 
 if __name__ == "__main__":

@@ -84,17 +84,11 @@ DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
     ("text", "options", "message"),
     [
         ("t,x,y,z\n\udcff\udcfe,1", [], "is not text"),
-        ("t,x,y,z\n0,\x00,2,3\n", [], "is not text"),
-        (GOOD, ["--from", "2", "--to", "1"], "--from must be before --to"),
         (GOOD, ["--from", "9"], "its times go from 0 to 1"),
         ("t,x,y\n0,1,2\n", [], "four columns are needed"),
-        ("t,x,y,z\n", [], "no rows of data"),
-        ("t,x,y,z\n0,1,2,3\n1,1,two,3\n", [], "line 3: y must be a number, got 'two'"),
         ("t,x,y,z\n0,1,2,3\n", ["--columns", "t", "x", "y", "w"], "no column 'w'; it has t, x, y, z"),
-        ("t,x,y,z\n1,1,2,3\n0,1,2,3\n", [], "line 3: times must ascend"),
         ("t,x,y,z\n0,,,\n1,,,\n", [], "NaN in every row"),
         ("t,x,y,z\n0,1,2,3\n", [], "two times"),
-        ("t,x,y,z\n0,1,2,3\n", ["--sigma", "0"], "must be positive"),
         ("t,x,y,z\n0,.1,.2,.3\n1,.1,.2,.3\n", ["--moments", "1", "1", "9"], "strict triangle"),
         ("0,1,2,3\n1,1,2,3\n", [], "line 1: numbers in place of column names"),
         ("t,x,y,z\n0,1,2,3\n\n1,1,2", [], "line 4 has 3 cells and the header 4: the row is truncated"),
@@ -102,18 +96,10 @@ DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
         ("t,x,y,z\n0,1,5,2,3,1\n", [], "line 2 has 6 cells and the header 4; numbers with decimal commas"),
         ("t;x;y;z\n0,5;1;2;3\n1,5;1;z;3\n", [], "line 3: y must be a number, got 'z'"),
         ("\ufefft,x,y,z\r\n0,1,2,3\r\n1,1,inf,3\r\n", [], "line 3: y must be finite"),
-        ("t,x,y,z\n0,1,2,3\n,1,2,3\n", [], "line 3: t is missing"),
-        ("t,y,x,z\n0,1,2,3\n1,1,2,3\n", [], "the rates in the order y, x, z; name the columns"),
         ("wx,wy,wz,time\n0,1,2,3\n1,1,2,3\n", [], "the time in column 'time', not in the first"),
-        ("t,x,x,z\n0,1,2,3\n1,1,2,3\n", [], "column 'x' occurs twice"),
         ("t_ms,x,y,z\n0,1,2,3\n1,1,2,3\n", [], "'t_ms' is in ms by its name; give --time-unit ms"),
         ("t,wx [deg/s],wy,wz\n0,1,2,3\n1,1,2,3\n", [], "is in deg/s by its name; give --unit deg/s"),
         ("t,x,y,z\n0,1,2,3\n10,1,2,3\n20,1,2,3\n", [], "rotates 5.96 times between rows; check the unit of time"),
-        (
-            "t,x,y,z\n" + "".join(f"{k / 100},1,2,{3e3 if k == 40 else 3}\n" for k in range(40000)),
-            [],
-            "rate in line 42",
-        ),
         (
             "t,x,y,z\n0,1,2,3\n1,125,2,3998\n2,1,2,3\n3,1,2,3\n",
             [],
@@ -121,17 +107,11 @@ DATED = "t,x,y,z\n2026-01-01T00:00:00Z,1,2,3\n2026-01-01T00:00:01Z,1,2,3\n"
         ),
         (GOOD, ["--magnetometer", "x", "y", "z"], "give --sigma and --magnetometer-sigma"),
         (GOOD, ["--hard-iron"], "--hard-iron needs --magnetometer"),
-        (GOOD, ["--tracker", "x", "y", "z", "t"], "give --sigma and --tracker-sigma"),
-        (GOOD, ["--space-to-body"], "--space-to-body needs --tracker"),
         (DATED, ["--time-unit", "ms"], "--time-unit must be left out for dates"),
         (DATED, ["--from", "2026-01-01T00:00:01"], "--from 2026-01-01T00:00:01 must have a zone like Z"),
-        (DATED, ["--from", "noon"], "--from must be a number or a date such as"),
         (DATED, ["--from", "1.1"], "its times go from 2026-01-01T00:00:00.000000Z to 2026-01-01T00:00:01.000000Z"),
-        (GOOD, ["--to", "2026-01-01T00:00:01"], "--to 2026-01-01T00:00:01 must be a number, like the times"),
-        (DATED + "2026-02-30T00:00:00Z,1,2,3\n", [], "line 4: t must be an existing date and time"),
         (DATED + "2026-01-01T00:00:02,1,2,3\n", [], "line 4: t must have a zone like Z or +02:00 in all times"),
         (DATED + "2,1,2,3\n", [], "line 4: t must be a date, as in the rows above, got '2'"),
-        (GOOD + "2026-01-01T00:00:02,1,2,3\n", [], "line 4: t must be a number, like the times before it"),
         (DATED + "2026-01-01T01:00:00+01:00,1,2,3\n", [], "line 4: times must ascend, but t goes back from 2026-01-01"),
         ('t;x;y;z\n0;1;2;"1,204.5"\n', [], "line 2: z must be a number, got '1,204.5'"),
         ("# a phone\nsep=;\nt;x;y;z\n0;1;2;3\n1;1;two;3\n", [], "line 5: y must be a number, got 'two'"),
@@ -168,15 +148,17 @@ def test_a_doubtful_fit_is_not_ok_and_with_its_cure_the_truth_is_found(tmp_path)
 
 @pytest.mark.sample(0)
 def test_residuals_above_sigma_and_single_wrong_values_are_not_ok(tmp_path):
-    file = log(tmp_path)
-    code, out, err = midlie("fit", file, "--unit", "rad/s", "--sigma", "0.003")
+    """Of a part of the file; a wrong value is named by its line and time."""
+    file, part = log(tmp_path), ["--unit", "rad/s", "--from", "0", "--to", "15"]
+    code, out, err = midlie("fit", file, *part, "--sigma", "0.003")
+    assert "903 angular velocities at 301 times" in out
     assert (code, "times the sigmas" in err, "NOT ok" in out) == (2, True, True)
     rows = file.read_text().split("\n")
     for row in (100, 200, 300):
         cells = rows[row].split(",")
         rows[row] = ",".join([*cells[:3], "5.5", *cells[4:]])
     file.write_text("\n".join(rows))
-    code, _, err = midlie("fit", file, "--unit", "rad/s")
+    code, _, err = midlie("fit", file, *part)
     assert code == 2
     assert "lines 101, 201, 301: Rates: 3 values are off by" in err
     assert "at t = 4.95, 9.95, 14.95" in err
@@ -216,9 +198,6 @@ def test_two_files_of_two_instruments_are_fitted_together(tmp_path):
     ("change", "message"),
     [
         (lambda o, _: o, "needs --magnetometer-clock: `same`"),
-        (lambda o, _: o[:6], "--magnetometer-data needs --magnetometer with the names"),
-        (lambda o, _: without(o, "--magnetometer-time"), "needs --magnetometer-time, the name of its column"),
-        (lambda o, _: [*without(o, "--magnetometer-data"), *SAME], "needs --magnetometer-data, the magnetometer's own"),
         (lambda o, _: [*without(o, "--magnetometer-time-unit"), *SAME], "give --magnetometer-time-unit ms"),
         (
             lambda o, f: [*other(o, f, "stamp_ms", "stamp"), *SAME],
@@ -261,24 +240,13 @@ def held_thrown_caught(tmp_path, rate):
 MS = ["--unit", "rad/s", "--time-unit", "ms"]
 
 
-@pytest.mark.parametrize("options", [[], ["--bias"], ["--moments", "1", "2", "2.5"]])
+@pytest.mark.parametrize("options", [["--bias"], ["--moments", "1", "2", "2.5"]])
 def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, nothing_is_compiled, options):
     code, _, err = midlie("fit", held_thrown_caught(tmp_path, [4.5, 0.5, 1.5]), *MS, *options)
     assert code == 2
     assert "the file holds more than a free flight" in err
     begin, end = (float(x) for x in re.search(r"--from (\S+) --to (\S+)\.", err).groups())
     assert 700 < begin < 1000 < 1990 < end < 2500
-
-
-@pytest.mark.sample(0)
-def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
-    """In the unit of the file, both ends included."""
-    span = ["--from", "1000", "--to", "1990"]
-    code, out, err = midlie("fit", held_thrown_caught(tmp_path, [9.0, 1.0, 3.0]), *MS, *span)
-    assert (code, err) == (0, "")
-    assert "300 angular velocities at 100 times" in out
-    low, high = interval(out)
-    assert low < 0.4 < high
 
 
 def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.0, flight=1.2, flights=1, off=0.0):
@@ -306,16 +274,11 @@ def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.
 @pytest.mark.parametrize(
     "given",
     [
-        {},
         {"hz": 400},
         {"hz": 50},
-        {"noise": 0.1},
-        {"rate": (5.0, 9.0, 4.0)},
         {"rate": (1.0, 3.0, 12.0), "flight": 0.7},
-        {"held": 30.0},
-        {"still": 30.0, "noise": 0.1},
+        {"held": 30.0, "still": 30.0, "noise": 0.1},
         {"flights": 3},
-        {"off": 5.0},
         {"off": 5.0, "rate": (5.0, 9.0, 4.0), "noise": 0.1},
     ],
     ids=str,
@@ -343,25 +306,21 @@ def dated(times, zone):
 
 @pytest.mark.sample(0)
 def test_a_phone_in_a_hand_with_dates_a_gap_and_degrees(tmp_path):
-    """The flight crosses midnight; the same answer with dates and with seconds, in degrees per second."""
+    """The flight crosses midnight."""
     times, rates, begin, end = recorded(1)
     kept = np.flatnonzero(~((times > begin + 0.4) & (times < begin + 0.5)) & (np.arange(len(times)) % 7 != 3))
-    times, printed = times[kept], []
-    for column in (dated(times, "+01:00"), [f"{t:.2f}" for t in times]):
-        file = save(tmp_path / "phone.csv", "time,gx,gy,gz", [column, *np.rad2deg(rates[kept]).T], form="{:.4f}")
-        code, out, err = midlie("fit", file, "--unit", "deg/s", "--bias")
-        assert (code, err) == (0, "")
-        printed.append(out)
-    first, last = re.search(r"^free flight: --from (\S+) --to (\S+), found", printed[1]).groups()
-    assert begin <= float(first) < float(last) <= end
-    assert (
-        f"--from {np.datetime64('2026-03-28T22:59:58') + np.timedelta64(round(1e6 * float(first)), 'us')}Z"
-        in printed[0]
+    columns = [dated(times[kept], "+01:00"), *np.rad2deg(rates[kept]).T]
+    file = save(tmp_path / "phone.csv", "time,gx,gy,gz", columns, form="{:.4f}")
+    code, out, err = midlie("fit", file, "--unit", "deg/s", "--bias")
+    assert (code, err) == (0, "")
+    found = re.search(r"^free flight: --from (\S+)Z --to (\S+)Z, found", out, re.M).groups()
+    first, last = (
+        (np.datetime64(date) - np.datetime64("2026-03-28T22:59:58")) / np.timedelta64(1, "s") for date in found
     )
-    low, high = interval(printed[0])
+    assert begin <= first < last <= end
+    low, high = interval(out)
     assert low < 0.9 / 3.9 < high
-    assert abs(numbers(printed[0], "bias")[0] - 1.5) < 1.0
-    np.testing.assert_allclose(*(numbers(out, "moments") for out in printed), rtol=1e-6)
+    assert abs(numbers(out, "bias")[0] - 1.5) < 1.0
 
 
 def three_instruments(tmp_path, order=(0, 1, 2, 3), sign=1.0):
@@ -404,8 +363,3 @@ def test_quaternions_of_another_convention_are_named(tmp_path, nothing_is_compil
     code, _, err = midlie("fit", three_instruments(tmp_path, **given), *THREE, *options)
     assert code == 2
     assert re.search(cure, err), err
-
-
-def test_a_file_that_is_not_there_and_a_unit_that_is_not_said(tmp_path):
-    assert midlie("fit", tmp_path / "no.csv", "--unit", "deg/s")[0] == 2
-    assert "--unit" in midlie("fit", tmp_path / "no.csv")[2]

@@ -47,8 +47,9 @@ def test_the_brick_has_the_published_inertia():
 
 
 @pytest.mark.sample(0)
-def test_intervals_hold_the_truth_as_often_as_they_say():
-    """Each of the published numbers, in 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity."""
+def test_intervals_hold_the_truth_as_often_as_they_say_and_the_covariance_is_that_of_the_scatter():
+    """Each of the published numbers, in 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity; of 100
+    copies a variance is known to 14 %."""
     many, _ = resampled()
     assert np.all(many.ok)
     truth = np.concatenate([published.BRICK, published.BRICK_RATES[0]])
@@ -56,12 +57,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = np.sum((low <= truth) & (truth <= high), axis=0)
     assert np.all((inside >= 90) & (inside <= 99)), inside
     assert 0.9 < np.mean(many.rms) < 1.0  # less than 1, because the parameters take 5 of 39 degrees of freedom
-
-
-@pytest.mark.sample(0)
-def test_the_covariance_is_that_of_the_scatter():
-    """Of 100 copies a variance is known to 14 %."""
-    many, _ = resampled()
     scatter = np.cov(np.asarray(many.coordinates).T)
     predicted = np.mean(many.covariance, axis=0)
     np.testing.assert_allclose(np.diagonal(scatter) / np.diagonal(predicted), 1, rtol=0, atol=0.42)
@@ -107,16 +102,6 @@ def test_the_satellite_has_the_published_ratios_of_moments():
     np.testing.assert_allclose(result.values["rate"], published.SATELLITE_RATES[0], rtol=0, atol=1e-15)
 
 
-@pytest.mark.full
-def test_a_gravity_gradient_gives_ratios_of_moments_only():
-    """Its torque grows with the moments. The first matters little to the residuals and is named all the same."""
-    result = published.satellite_without_scale()
-    assert result.rank == 2
-    assert result.confounded == [["moments[0]", "moments[1]", "moments[2]"]]
-    truth = published.SATELLITE[:2] / published.SATELLITE[2]
-    np.testing.assert_allclose(result.derived(published.ratios)[0], truth, rtol=0, atol=1e-9)
-
-
 THROWN = 1e-3 * np.array([[2.0, 0.1, 0.0], [0.1, 3.1, 0.2], [0.0, 0.2, 4.0]])  # kg m^2, arXiv 2503.13137
 
 
@@ -137,8 +122,8 @@ def thrown(wheel):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("wheel", [8e-3, 0.0])
-def test_a_throw_with_a_wheel_has_an_absolute_inertia(wheel):
+def test_a_throw_with_a_wheel_has_an_absolute_inertia():
+    wheel = 8e-3
     times, rates = thrown(wheel)
     spins = ml.spacecraft.ReactionWheels(lambda t: jnp.array([0.0, 0.0, wheel]) * jnp.minimum(5 * t, 1.0))
 
@@ -148,10 +133,6 @@ def test_a_throw_with_a_wheel_has_an_absolute_inertia(wheel):
 
     guess = {"inertia": fitting.InertiaTensor(np.diag([2.5e-3, 3e-3, 3.5e-3])), "rate": fitting.Free(rates[0])}
     data = fitting.Rates(times, rates, 0.005)
-    if not wheel:
-        with pytest.raises(fitting.UndeterminedError, match="inertia"):
-            ml.fit(model, guess, data, dt=0.004, absolute_sigma=True)
-        return
     result = ml.fit(model, guess, data, dt=0.004, absolute_sigma=True)
     assert result.ok
     truth, (low, high) = [*THROWN[np.triu_indices(3)], 2.0, 1.5, 3.0], result.intervals.T

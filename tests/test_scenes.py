@@ -2,7 +2,6 @@
 
 import csv
 import io
-from functools import cache
 from typing import Any
 
 import jax
@@ -32,27 +31,11 @@ def end_of(name: str, steps: int, duration: float | None = None, method: str = E
     return scene.body, jax.tree.map(lambda x: x[-1], path.states)
 
 
-CALGO = (
-    ((1.0, 1.648785782711929, 1.9720127096641928), (-0.709894965287627, -0.685144717153487, 0.163174308075589), 0.1),
-    ((1.0, 1.012686988782515, 3.306237422473038), (-0.609860759302936, 0.761660947972381, 0.218957654801698), 10.0),
-)
-CALGO_ENDS = (
-    (-0.7088447919224319, -0.6905148054187735, 0.1439734852739128),
-    (-0.7243786338874610, -0.6515663606923394, 0.2252484681001733),
-)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("case", "end"), [*zip(CALGO, CALGO_ENDS, strict=True)])
-def test_published_ends_of_free_bodies(case, end):
-    moments, momentum, duration = case
-    body = ml.RigidBody(moments, physical=False)  # no distribution of mass has the moments of the second
-    start = ml.RigidState(momentum, [1.0, 0.0, 0.0, 0.0])
-    states = ml.integrate("JACOBI[EA]", body, None, start, dt=duration / 100, steps=100).states
-    assert worst(states.momentum[-1], end) < (1e-14 if duration < 1 else 1e-13)
-    if duration == 10:
-        column = (-0.6484702022780026, -0.0046633029105, -0.7612257551892809)
-        assert worst(ml.so3.to_matrix(states.attitude[-1])[:, 2], column) < 4e-13
+def test_a_published_end_of_a_free_body():
+    body = ml.RigidBody((1.0, 1.648785782711929, 1.9720127096641928))
+    start = ml.RigidState((-0.709894965287627, -0.685144717153487, 0.163174308075589), [1.0, 0.0, 0.0, 0.0])
+    states = ml.integrate("JACOBI[EA]", body, None, start, dt=1e-3, steps=100).states
+    assert worst(states.momentum[-1], (-0.7088447919224319, -0.6905148054187735, 0.1439734852739128)) < 1e-14
 
 
 P1_MOMENTUM = (-0.153091997209136, 0.143264870866601, 50.0)
@@ -65,14 +48,11 @@ P1_ROTATION = (
 # by 787 rad, so its rounding is that much larger in the angle. The published column of P2 is 1e-13 too short.
 ENDS = [
     ("free-asymmetric", 100, 10.0, (1.76596250851821, -0.695464197033089, 0.779554981481871), (), 2),
-    ("P1", 100, 1.0, (-0.113617175760399, 0.184034282516356, 50.0),
-     (0.021541104974264, -0.050010335483372, 0.998516372996121), 2),
     ("P1", 1000, 10.0, P1_MOMENTUM, [row[2] for row in P1_ROTATION], 2),
     ("P1-tilted", 1000, 10.0, (-0.825255618261498, 0.772281645922085, 50.0),
      (-0.274864608390022, 0.154741521010720, 0.948949160245105), 2),
     ("P2", 1000, 0.8, (0.001294760157796, 0.008576777914099, 1.376331238882863),
      (0.055504854936289, 0.004308103862570, 0.998449123050047), 2),
-    ("bruls-cardona", 500, 1.0, (), (0.173343964098385, 0.640088592070568, -0.748490791133583), 1),
     ("bruls-cardona", 1000, 2.0, np.array([0.1222332194973833, 150.0, -5.855624589205458]) * [15.234375, 0.46875,
      15.234375], (-0.150416822745643, -0.724165591636897, -0.673022269560442), 1),
 ]  # fmt: skip
@@ -85,11 +65,9 @@ def test_published_ends(name, steps, duration, momentum, column, which):
     size = np.linalg.norm(end.momentum)
     assert not len(momentum) or worst(end.momentum, momentum) < 2e-13 * max(size, 1)
     assert not len(column) or worst(ml.so3.to_matrix(end.attitude)[:, which], column) < 1e-12
-
-
-def test_published_energy_of_the_tilted_top():
-    scene = scenes.scene("P1-tilted")
-    assert abs(ml.observe.energy(scene.body, scene.torque, scene.start) - 1269.10672978251) < 5e-12
+    if name == "P1-tilted":
+        scene = scenes.scene(name)
+        assert abs(ml.observe.energy(scene.body, scene.torque, scene.start) - 1269.10672978251) < 5e-12
 
 
 RATES_OF_RUN_10A = (-1.97989570839746e-5, -0.001080027400090759, -0.0007098670173048437)
@@ -115,29 +93,11 @@ def test_published_rates_of_the_pulsed_body():
     assert worst(np.asarray(scene.axes) @ (momentum / np.asarray(scene.body.moments)), rates) < 4e-16
 
 
-# (time, rates in deg/s, yaw, pitch and roll in deg, longitude in deg), NESC's simulation 01.
-BRICK = [
-    (
-        10,
-        (-2.41890222177841, -23.55256951951579, 28.12859263003343),
-        (-4.321336367926564, 3.7413374738658383, -66.01900324375518),
-        2.12654136235e-6,
-    ),
-    (
-        20,
-        (-5.422734679890159, 22.715930576502963, 28.608281747225586),
-        (-6.3696938240052745, 4.059829768024102, 4.1383179964505),
-        1.70166179171e-5,
-    ),
-    (
-        30,
-        (12.6183907757, -17.3974747619, 31.1195888868),
-        (-4.289355039311268, -3.81965492049295, -56.151307596646866),
-        5.74552194388e-5,
-    ),
-]
+# After 30 s: rates in deg/s; yaw, pitch and roll in deg; longitude in deg. NESC's simulation 01, and its 04.
+RATES = (12.6183907757, -17.3974747619, 31.1195888868)
+ANGLES, LONGITUDE = (-4.289355039311268, -3.81965492049295, -56.151307596646866), 5.74552194388e-5
+DROPPED = 5.74552213287e-5
 TURN = 7.292115e-5  # of the Earth, rad/s
-LONGITUDES = {10: 2.12654133805e-6, 20: 1.70166180963e-5, 30: 5.74552213287e-5}  # simulation 04
 
 
 def north_east_down(angle: float) -> np.ndarray:
@@ -146,21 +106,21 @@ def north_east_down(angle: float) -> np.ndarray:
     return np.array([[0.0, -s, -c], [0.0, c, -s], [1.0, 0.0, 0.0]])
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("time", "rates", "angles", "longitude"), BRICK)
-def test_published_bricks(time, rates, angles, longitude):
+@pytest.mark.sample(0)
+def test_published_bricks():
     """The tumbling brick in free fall, and dropped; as far as NASA's runs agree with others."""
+    time = 30
     body, end = end_of("tumbling-brick", 100, float(time))
-    local = north_east_down(np.deg2rad(longitude) + TURN * time)
+    local = north_east_down(np.deg2rad(LONGITUDE) + TURN * time)
     R = local.T @ north_east_down(0.0) @ np.asarray(ml.so3.to_matrix(end.attitude))
     euler = np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(R[2, 0]), np.arctan2(R[2, 1], R[2, 2])
-    assert worst(np.rad2deg(body.velocity(end.momentum)), rates) < 3.3e-10
-    assert worst(np.rad2deg(euler), angles) < 5.6e-9
+    assert worst(np.rad2deg(body.velocity(end.momentum)), RATES) < 3.3e-10
+    assert worst(np.rad2deg(euler), ANGLES) < 5.6e-9
     body, end = end_of("dropped-brick", 20 * time, float(time), "JACOBI[SRKN6b]")
     north, east, down = np.asarray(end.position)
     assert north == 0
-    assert abs(np.rad2deg(np.arctan2(east, -down) - TURN * time) - LONGITUDES[time]) < 2e-13
-    assert worst(np.rad2deg(body.body.velocity(end.momentum)), rates) < 3.3e-10
+    assert abs(np.rad2deg(np.arctan2(east, -down) - TURN * time) - DROPPED) < 2e-13
+    assert worst(np.rad2deg(body.body.velocity(end.momentum)), RATES) < 3.3e-10
 
 
 # Both pass close to an unstable motion again and again, and each time what was lost to rounding grows a hundredfold.
@@ -211,9 +171,10 @@ ERRORS = {
 }
 
 
-@cache
-def fast_top(name: str) -> ml.Path:
-    """P1 with the four steps; only the finest run ends at T = 10, the others go beyond."""
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", ERRORS)
+def test_the_table_of_errors(name):
+    """Only the finest of the four runs ends at T = 10; the others go beyond."""
     scene = scenes.scene("P1")
 
     def run(dt):
@@ -221,16 +182,9 @@ def fast_top(name: str) -> ml.Path:
 
     path = jax.jit(jax.vmap(run))(jnp.array(STEPS))
     assert path.ok.all()
-    return jax.tree.map(np.asarray, path)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", ERRORS)
-def test_the_table_of_errors(name):
-    states = fast_top(name).states
     rows, last = np.arange(len(STEPS)), np.rint(10 / np.array(STEPS)).astype(int)
-    momenta = states.momentum[rows, last]
-    rotations = np.asarray(ml.so3.to_matrix(jnp.asarray(states.attitude[rows, last])))
+    momenta = np.asarray(path.states.momentum)[rows, last]
+    rotations = np.asarray(ml.so3.to_matrix(path.states.attitude[rows, last]))
     found = (
         np.linalg.norm(momenta - P1_MOMENTUM, axis=-1),
         np.linalg.norm(rotations - np.array(P1_ROTATION), axis=(1, 2)),
@@ -240,45 +194,21 @@ def test_the_table_of_errors(name):
             assert abs(error - float(text)) < 0.1 * float(text) + half_last_digit(text)
 
 
-def test_nutation_and_precession_of_the_fast_top():
-    axis = np.asarray(ml.so3.to_matrix(jnp.asarray(fast_top("LIEMID[EA]").states.attitude)))[..., 2]
-    tilt = np.arccos(axis[..., 2])
-    peaks = []
-    for row in (2, 3):
-        inner = tilt[row, 1:-1]
-        (tops,) = np.nonzero((inner > tilt[row, :-2]) & (inner >= tilt[row, 2:]))
-        below, top, above = tilt[row, tops[0] : tops[0] + 3]
-        peaks.append(top + (above - below) ** 2 / (8 * (2 * top - above - below)))  # of the parabola through them
-    highest = peaks[1] + (peaks[1] - peaks[0]) / 3  # extrapolated in h^2
-    assert abs(highest - 0.0545517) < 5e-8
-    assert tilt[3].min() > 0.05 - 1e-6  # it is let go at rest, so it never rises above its start but by the error
-    # A top near the vertical turns on two circles, at rates w with w^2 - (Pi3/I1) w + mgl/I1 = 0. Their difference is
-    # the nutation, the slower is the precession; at infinite spin they are the published Pi3/I1 = 10 and mgl/Pi3 = .4.
-    root = np.sqrt(10**2 - 4 * 20 / 5)
-    nutation = 2 * np.pi * (len(tops) - 1) / ((tops[-1] - tops[0]) * STEPS[3])
-    azimuth = np.unwrap(np.arctan2(axis[3, :, 1], axis[3, :, 0]))
-    precession = (azimuth[tops[-1] + 1] - azimuth[tops[0] + 1]) / ((tops[-1] - tops[0]) * STEPS[3])
-    # The tilt of .05 changes both by its square, and tops are found to half a step in some 6 s.
-    np.testing.assert_allclose([nutation, precession], [root, (10 - root) / 2], rtol=0.003)
-    np.testing.assert_allclose([nutation, precession], [10, 0.4], rtol=0.1)
-
-
 def test_an_unknown_scene_names_all():
     with pytest.raises(ValueError, match=r"unknown scene 'P3'; choose from P1, .*drift-test\.") as error:
         scenes.scene("P3")
     assert all(name in str(error.value) for name in scenes.scenes())
 
 
-@pytest.mark.sample(37)
-@pytest.mark.parametrize("dtype", [None, "float32", "float64"])
 @pytest.mark.parametrize("name", scenes.scenes())
-def test_a_scene_is_whole(name, dtype):
+def test_a_scene_is_whole(name):
+    dtype = "float32"
     scene = scenes.scene(name, dtype)
     assert scene.name == name
     assert all(text and "\n" not in text for text in (scene.title, scene.source, scene.units))
     arrays = jax.tree.leaves((scene.body, scene.torque, scene.start, scene.axes))
     # A default, such as the pole of an oblate planet, is weakly typed: it takes the dtype of what it meets.
-    assert {leaf.dtype for leaf in arrays if not leaf.weak_type} == {jnp.dtype(dtype or "float64")}
+    assert {leaf.dtype for leaf in arrays if not leaf.weak_type} == {jnp.dtype(dtype)}
     assert abs(scene.steps * scene.dt / scene.duration - 1) < 1e-12
     if scene.torque is not None:
         torque = on_body(scene.torque, scene.body)(jnp.zeros((), dtype), scene.start)
@@ -316,66 +246,6 @@ def test_a_pulse_is_halved_at_its_switches_however_time_rounds(dtype):
         assert found[:, 0].tolist() == [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
 
 
-def test_the_slow_top_falls_and_the_dzhanibekov_body_turns_over():
-    times = np.linspace(0, 10, 101)
-    top, brick = scenes.scene("slow-top"), scenes.scene("dzhanibekov")
-    start = top.start.momentum, top.start.attitude
-    _, attitudes = exact_motion(top.body.moments, *start, times, weight=float(top.torque.mgl))
-    assert ml.so3.to_matrix(jnp.asarray(attitudes))[:, 2, 2].min() < 0
-    momenta, _ = free_body(brick.body.moments, brick.start.momentum, brick.start.attitude, times)
-    assert momenta[:, 1].min() < -7.99 < 7.99 < momenta[:, 1].max()
-
-
-def path_of(name, method, steps, keep):
-    scene = scenes.scene(name)
-    path = ml.integrate(
-        method, scene.body, scene.torque, scene.start, dt=scene.duration / steps, steps=steps, save_every=steps // keep
-    )
-    assert path.ok
-    return scene, path
-
-
-@pytest.mark.sample(0)
-def test_the_node_of_the_satellite_turns_as_oblateness_turns_it():
-    """By -3/2 n J2 (radius/a)^2 cos i; what J2 does within a revolution averages out in the fit."""
-    scene, path = path_of("satellite", "JACOBI[SRKN6b]", 2880, 480)
-    planet = scene.torque.terms[1]
-    x, v = np.asarray(path.states.position), np.asarray(path.states.linear) / 1000
-    L = np.cross(x, v)
-    node = np.unwrap(np.arctan2(L[:, 0], -L[:, 1]))
-    mu = float(planet.mu)
-    a = np.mean(1 / (2 / np.linalg.norm(x, axis=1) - np.sum(v**2, axis=1) / mu))
-    cosine = np.mean(L[:, 2] / np.linalg.norm(L, axis=1))
-    expected = -1.5 * np.sqrt(mu / a**3) * float(planet.j2) * (float(planet.radius) / a) ** 2 * cosine
-    assert np.polyfit(np.asarray(path.times), node, 1)[0] == pytest.approx(expected, rel=0.03)
-
-
-def test_the_pendulum_swings_between_the_heights_that_its_energy_allows():
-    scene, path = path_of("spherical-pendulum", "SYMMETRIC[SRKN6b]", 2000, 2000)
-    axis, momentum = np.asarray(path.states.axis), np.asarray(path.states.momentum)
-    start, weight = scene.start, float(scene.torque.mgl)
-    energy, vertical = float(ml.observe.energy(scene.body, scene.torque, start)), float(start.momentum[2])
-    # 2 (E - w z)(1 - z^2) = pi_z^2, for a moment of 1
-    roots = np.sort(np.roots([2 * weight, -2 * energy, -2 * weight, 2 * energy - vertical**2]).real)
-    assert axis[:, 2].min() == pytest.approx(roots[0], abs=1e-4)  # between two states
-    assert axis[:, 2].max() == pytest.approx(roots[1], abs=1e-6)
-    assert worst(np.sum(axis * momentum, axis=1), 0.0) < 1e-13
-    assert worst(np.linalg.norm(axis, axis=1), 1.0) < 1e-15
-
-
-@pytest.mark.sample(0)
-def test_the_boomerang_turns_left_loses_energy_and_comes_back():
-    scene, path = path_of("boomerang", "JACOBI[EA]", 2000, 50)
-    place = np.asarray(path.states.position)
-    away = np.linalg.norm(place - place[0], axis=1)
-    assert away[-1] < 5 < 12 < away.max()
-    assert place[1:, 1].min() > 0
-    assert place[:, 2].min() > 0
-    fall = ml.torques.UniformGravity(jnp.array([0.0, 0.0, -9.81]))
-    energies = np.asarray(ml.observe.energy(scene.body, fall, path))
-    assert energies[-1] < 0.6 * energies[0]
-
-
 def test_blades_are_the_mean_of_their_pieces():
     """Over a turn and along a blade, by quadrature; the integrands are polynomials and trigonometric polynomials."""
     scene, random = scenes.scene("boomerang"), np.random.default_rng(1)
@@ -406,8 +276,10 @@ def test_blades_are_the_mean_of_their_pieces():
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("name", ["P1-tilted", "thrown-brick", "spherical-pendulum", "dimer"])
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [*zip(("P1-tilted", "thrown-brick", "spherical-pendulum", "dimer"), 2 * ("float64", "float32"), strict=True)],
+)
 def test_perturbed_copies_are_of_the_kind_of_the_start_and_as_far_from_it_as_said(name, dtype):
     scene, size, count = scenes.scene(name, dtype), 1e-3, 2000
     start, eps = scene.start, float(jnp.finfo(dtype).eps)
@@ -439,14 +311,9 @@ def test_perturbed_copies_are_of_the_kind_of_the_start_and_as_far_from_it_as_sai
     assert not jnp.array_equal(fewer.momentum, other.momentum)
 
 
-@pytest.mark.parametrize(
-    ("count", "size", "message"),
-    [
-        *((count, 1e-3, "count must be a positive Python int, got") for count in (0, -1, True)),
-        *((2, size, "size must be finite and not negative, got") for size in (-1.0, np.nan, np.inf)),
-    ],
-)
-def test_bad_numbers_of_copies_are_named(count, size, message):
+@pytest.mark.parametrize(("count", "size"), [(0, 1e-3), (True, 1e-3), (2, -1.0), (2, np.nan)])
+def test_bad_numbers_of_copies_are_named(count, size):
+    message = "size must be finite and not negative, got" if count == 2 else "count must be a positive Python int, got"
     with pytest.raises(ValueError, match=message):
         scenes.perturbed(scenes.scene("P1"), count, size, 0)
 
@@ -463,44 +330,31 @@ def test_the_scenes_are_listed_and_described():
     for name, told in each.items():
         scene = scenes.scene(name)
         assert all(text in told for text in (scene.title, scene.source, scene.units, f"{scene.steps} steps"))
-    assert "[5., 5., 1.]" in each["P1"]
     assert "HeavyTop(mgl = 20., axis = [0., 0., 1.])" in each["P1"]
-    for name, words in {
-        "satellite": ("mass", "1000.", "position at the start", "PointMass(mu", "+ Oblateness(mu"),
-        "spherical-pendulum": ("moment across the axis", "axis at the start", "SYMMETRIC[EA]"),
-        "binary-asteroid": ("MutualGravity(G = 6.67e-11",),
-        "rod": ("Rod(length = 0.1",),
-        "dimer": ("Waters()",),
-    }.items():
-        assert all(word in each[name] for word in words)
+    words = "mass", "1000.", "position at the start", "PointMass(mu", "+ Oblateness(mu"
+    assert all(word in each["satellite"] for word in words)
 
 
 def number(said: str) -> float:
     return float(said.split()[0])
 
 
-ENERGY = {"thrown-brick": 1e-13, "dropped-brick": 1e-11, "satellite": 1e-6, "spherical-pendulum": 5e-4}
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", [*ENERGY, "boomerang"])
+@pytest.mark.parametrize("name", ["thrown-brick", "boomerang"])
 def test_a_scene_runs_with_its_method_and_keeps_what_it_should(name):
     said = midlie("run", name).facts
     assert said["ok"] == "yes"
-    if name in ENERGY:
-        assert number(said["energy error, largest relative"]) < ENERGY[name]
-        assert number(said["momentum error, largest relative"]) < 1e-13
-    else:
+    if name == "boomerang":
         assert said["energy error, largest relative"] == "not defined: Blades has no potential energy"
         assert said["momentum error, largest relative"].startswith("not conserved")
-    if name == "thrown-brick":
+    else:
+        assert number(said["energy error, largest relative"]) < 1e-13
+        assert number(said["momentum error, largest relative"]) < 1e-13
         assert said["place at the end"] == "30, 0, 5"
         assert number(said["place error, largest relative"]) < 1e-13
-    assert ("place at the end" in said) == (name != "spherical-pendulum") != ("axis at the end" in said)
 
 
-STATES = {"tumbling-brick": ml.RigidState, "thrown-brick": ml.FreeState, "spherical-pendulum": ml.AxisState}
-STATES |= {"dimer": ml.CoupledState, "rod": ml.CoupledState}
+STATES = {"thrown-brick": ml.FreeState, "spherical-pendulum": ml.AxisState, "dimer": ml.CoupledState}
 HEADS = {
     "dimer": ["copy", "time", "body", "momentum_1"],
     "spherical-pendulum": [*("body", "time"), *(f"{n}_{x}" for n in ("momentum", "axis") for x in "xyz"), "ok"],

@@ -84,18 +84,6 @@ def test_an_argument_has_one_default():
             assert (key, name) in DEFAULTS or others == {shown(parameter)}, key
 
 
-def test_arguments_of_one_meaning_have_one_name():
-    """What drivers called otherwise before."""
-    every = {key for name in DRIVERS for key in parameters(name)}
-    assert not every & {"state", "starts_at", "reverse", "densities", "time", "h", "n"}
-    for name in ("integrate", "ensemble", "simulate", "integrate_variable_step", "check", "fit"):
-        assert "dt" in parameters(name)
-    for name in DRIVERS:
-        assert "t0" in parameters(name)
-    for name in ("integrate", "ensemble", "simulate", "integrate_variable_step"):
-        assert {"observe", "save_every", "steps"} <= set(parameters(name))
-
-
 def test_the_page_has_the_table():
     assert table() in PAGE.read_text(), "python tests/test_signatures.py prints the table"
 

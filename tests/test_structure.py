@@ -72,7 +72,15 @@ def floor(name: str) -> int:
 
 
 def test_every_folder_is_a_floor_and_every_import_points_down():
-    assert not [f"{a} -> {b}" for a, targets in graph().items() for b in targets if floor(b) > floor(a)]
+    """Without circles; applications, and fits and the plug-in, stand beside each other. Few import outside packages."""
+    arrows = [(a, b) for a, targets in graph().items() for b in targets]
+    assert not [f"{a} -> {b}" for a, b in arrows if floor(b) > floor(a)]
+    TopologicalSorter(graph()).prepare()
+    rooms = {name: name.split(".")[0] for name in modules()}
+    assert not [(a, b) for a, b in arrows if {rooms[a], rooms[b]} <= set(ROOMS) and rooms[a] != rooms[b]]
+    assert not [(a, b) for a, b in arrows if (rooms[a], rooms[b]) == ("fitting", "diffrax")]
+    assert users_of("diffrax") == {"diffrax"}
+    assert users_of("laboratory") | users_of("optimistix") | users_of("optax") == set()
 
 
 def test_the_page_on_extending_lists_every_folder():
@@ -80,29 +88,23 @@ def test_the_page_on_extending_lists_every_folder():
     assert set(re.findall(r"^\| `(\w+)/` \|", page, re.MULTILINE)) == set(FLOORS) - {"", "_lazy"}
 
 
-def test_no_application_imports_another():
-    rooms = {name: name.split(".")[0] for name in modules()}
-    arrows = [(a, b) for a, targets in graph().items() for b in targets]
-    assert not [(a, b) for a, b in arrows if {rooms[a], rooms[b]} <= set(ROOMS) and rooms[a] != rooms[b]]
-
-
-def test_a_run_imports_no_application():
-    """Nor does the registry of methods, which finds the methods of applications by name."""
-    code = (
-        "import sys, midlie_jax as ml\n"
-        "ml.integrate, ml.ensemble, ml.simulate, ml.stepper, ml.fit, ml.check, ml.recommend, ml.diffrax.LieSolver\n"
-        "ml.method('JACOBI[BM4]'), ml.observe.energy, ml.torques.HeavyTop\n"
-        f"print([name for name in sys.modules for room in {ROOMS!r} if name.startswith(f'midlie_jax.{{room}}')])"
-    )
-    assert printed(code).split() == ["[]"]
-
-
-def test_a_run_imports_only_the_state_the_method_and_the_torque_that_it_reads():
+def test_a_run_imports_only_what_it_reads():
+    """No application, though the registry finds the methods of applications by name; no state, method or torque that it
+    does not have; pictures without matplotlib; each part when it is first asked for, and fits without the optimisers,
+    which only a custom solver calls."""
     code = (
         "import sys, midlie_jax as ml; ml.integrate\n"
-        "print(*(name for name in sys.modules if name.startswith('midlie_jax.')))"
+        "def loaded(*starts): return [name for name in sys.modules if name.startswith(starts)]\n"
+        "print(*loaded('midlie_jax.'))\n"
+        "ml.ensemble, ml.simulate, ml.stepper, ml.check, ml.recommend, ml.method('JACOBI[BM4]'), ml.observe.energy\n"
+        "ml.torques.HeavyTop, ml.plot.view, ml.plot.bands\n"
+        "print(*loaded('matplotlib', 'plotly', 'PIL', 'diffrax', 'optimistix', 'midlie_jax.fitting'))\n"
+        "sys.modules['optax'] = sys.modules['optimistix'] = None; print(ml.fit is ml.fitting.fit)\n"
+        "del sys.modules['optax'], sys.modules['optimistix']; print(ml.diffrax.LieSolver.__name__)\n"
+        f"print(*loaded(*(f'midlie_jax.{{room}}' for room in {ROOMS!r})))\n"
+        "print(ml.observe.Histogram(ml.observe.energy, [0.0, 1.0]).observable)"
     )
-    loaded = set(printed(code).split())
+    first, early, fit, solver, rooms, observable = printed(code).split("\n")[:6]
     lazy = (
         *(
             "model.states.rigid",
@@ -114,13 +116,9 @@ def test_a_run_imports_only_the_state_the_method_and_the_torque_that_it_reads():
         *("model.surface", "integrators.registry", "integrators.flights", "integrators.schemes"),
         *("integrators.runge_kutta", "drivers.observe.spectra"),
     )
-    assert not loaded & {f"midlie_jax.{name}" for name in lazy}
-    assert len(loaded) < 85  # 80; 152 with all of them
-
-
-def test_a_quantity_is_an_observable_of_the_first_statistic():
-    code = "import midlie_jax as ml; print(ml.observe.Histogram(ml.observe.energy, [0.0, 1.0]).observable)"
-    assert printed(code) == "energy\n"
+    assert not set(first.split()) & {f"midlie_jax.{name}" for name in lazy}
+    assert len(first.split()) < 85  # 80; 152 with all of them
+    assert (early, fit, solver, rooms, observable) == ("", "True", "LieSolver", "", "energy")
 
 
 LAZY = ["advice", "drivers/observe", "model/baths", "model/orbits", "model/states", "model/torques", *ROOMS]
@@ -134,16 +132,6 @@ def test_no_public_name_is_also_a_module_of_the_same_package(name):
     )
     assert shown
     assert not set(shown) & {path.stem for path in (ROOT / PACKAGE / name).iterdir()}
-
-
-def test_no_modules_import_each_other_in_a_circle():
-    TopologicalSorter(graph()).prepare()
-
-
-def test_nothing_but_the_command_imports_the_command():
-    assert not [name for name, targets in graph().items() if floor(name) < floor("cli") and any(
-        target.split(".")[0] == "cli" for target in targets
-    )]  # fmt: skip
 
 
 def users_of(package: str) -> set[str]:
@@ -163,79 +151,28 @@ def printed(code: str) -> str:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
 
 
-def test_only_the_plug_in_imports_diffrax():
-    assert users_of("diffrax") == {"diffrax"}
-
-
-def test_nothing_imports_the_laboratory():
-    """It stays behind when the package is installed."""
-    assert users_of("laboratory") == set()
-
-
-def test_nothing_imports_the_optimisers():
-    """A custom solver may call them."""
-    assert users_of("optimistix") | users_of("optax") == set()
-
-
-@pytest.mark.sample(0)
-def test_fitting_stands_beside_the_plug_in():
-    assert not [name for name, targets in graph().items() if name.split(".")[0] == "fitting" and any(
-        target.split(".")[0] == "diffrax" for target in targets
-    )]  # fmt: skip
-
-
-@pytest.mark.sample(0)
-def test_all_names_are_shown_and_imported_without_the_optimisers():
-    """And help(midlie_jax) and an import of all names work."""
-    code = (
-        "import importlib.util as u\n"
-        "find = u.find_spec\n"
-        "u.find_spec = lambda name, *more: None if name in ('optimistix', 'optax') else find(name, *more)\n"
-        "import midlie_jax as ml\n"
-        "from midlie_jax import *\n"
-        "print('fit' in dir(ml), 'fitting' in ml.__all__, integrate is ml.integrate, hasattr(ml, 'a.b'))"
-    )
-    assert printed(code).split() == ["True", "True", "True", "False"]
-
-
-def test_help_of_a_class_leaves_out_what_equinox_adds():
-    code = (
-        "import pydoc, midlie_jax as ml\n"
-        "for kind in (ml.RigidState, ml.CoupledState, ml.FreeBody, ml.torques.HeavyTop):\n"
-        "    text = pydoc.plain(pydoc.render_doc(kind))\n"
-        "    parts = ('__init__(self', 'from equinox', '__abstract', '__dataclass', '__hash__')\n"
-        "    print(*(part in text for part in parts))\n"
-        "print('__add__' in dir(ml.torques.HeavyTop))"
-    )
-    assert printed(code).split() == ["True", "False", "False", "False", "False"] * 4 + ["True"]
-
-
 def test_the_package_shows_the_names_of_its_stub():
-    """And each is what it is in the file that the stub names, also after the folder `methods` was imported."""
+    """Each is what it is in the file that the stub names, also after the folder `methods` was imported. Help of a class
+    leaves out what equinox adds."""
     code = (
-        "import ast, sys, midlie_jax as ml; print('jax' in sys.modules); import midlie_jax.integrators.registry\n"
+        "import ast, pydoc, sys, midlie_jax as ml; print('jax' in sys.modules)\n"
+        "import midlie_jax.integrators.registry\n"
         "nodes = ast.parse(open(ml.__file__ + 'i').read()).body\n"
         "where = {a.asname: n.module for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}\n"
         "shown = {name: getattr(ml, name) for name in dir(ml)}\n"
         "print(set(shown) == {*where, '__version__'} == {*ml.__all__, '__version__'})\n"
         "from importlib import import_module as load\n"
         "same = [n for n, m in where.items() if m and shown[n] is getattr(load(f'midlie_jax.{m}'), n)]\n"
-        "print(*sorted(set(where) - set(same)))"
+        "print(*sorted(set(where) - set(same)))\n"
+        "text = pydoc.plain(pydoc.render_doc(ml.CoupledState))\n"
+        "parts = ('__init__(self', 'from equinox', '__abstract', '__dataclass', '__hash__')\n"
+        "print(*(part in text for part in parts), '__add__' in dir(ml.torques.HeavyTop), hasattr(ml, 'a.b'))"
     )
-    first, second, others = printed(code).splitlines()
+    first, second, others, third = printed(code).splitlines()
     assert (first, second) == ("False", "True")
     folders = {"advice", "diffrax", "fitting", "plot", "simulation", *ROOMS}
     assert set(others.split()) == folders
-
-
-@pytest.mark.sample(0)
-def test_fitting_is_imported_when_it_is_first_asked_for():
-    """And without optax and optimistix, which only a custom solver may need."""
-    code = (
-        "import sys; sys.modules['optax'] = sys.modules['optimistix'] = None; import midlie_jax as ml\n"
-        "print('midlie_jax.fitting' in sys.modules, ml.fit is ml.fitting.fit, 'midlie_jax.fitting' in sys.modules)"
-    )
-    assert printed(code).split() == ["False", "True", "True"]
+    assert third.split() == ["True", "False", "False", "False", "False", "True", "False"]
 
 
 @pytest.mark.sample(0)
@@ -253,12 +190,3 @@ def test_one_file_uses_what_jax_does_not_document():
     """See midlie_jax/_xla/internals.py; custom derivatives are documented."""
     private = re.compile(r"^\s*(?:from|import) jax\.(?:core|extend|interpreters|_src)\b", re.MULTILINE)
     assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_xla.internals"]
-
-
-@pytest.mark.sample(0)
-def test_diffrax_is_imported_when_a_solver_is_asked_for():
-    code = (
-        "import sys, midlie_jax as ml; print('diffrax' in sys.modules, 'optimistix' in sys.modules); "
-        "ml.diffrax.LieSolver, ml.diffrax.LieInterpolation; print('diffrax' in sys.modules)"
-    )
-    assert printed(code).split() == ["False", "False", "True"]
