@@ -1,4 +1,4 @@
-"""The random numbers of `_math/counter.py` and `_math/normals.py`: their bits, and what a statistician would test."""
+"""The random numbers of `_math/normals.py` and `_math/normals.py`: their bits, and what a statistician would test."""
 
 import re
 from math import erfc
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cases import DTYPES, loop_bodies, real
 
-from midlie_jax._math import counter, normals
+from midlie_jax._math import normals
 from midlie_jax._xla.fusion import fuse
 
 MANY = 10_000_000
@@ -32,7 +32,7 @@ def many(count=MANY):
 
 
 def mixed(x, y, z, w):
-    """`counter._mix` on Python's integers."""
+    """`normals._mix` on Python's integers."""
     for _ in range(2):
         x = (x + y * w) % 2**32
         y = (y + z * x) % 2**32
@@ -54,7 +54,7 @@ def test_the_words_are_those_of_the_same_formula_on_integers(size):
         row = 3 * member + block
         rows = (row * (r | 1) % 2**32 for r in roots[:4])
         expected += mixed(*(k ^ (p + (r ^ r >> 16)) % 2**32 for k, p, r in zip(own, place, rows, strict=True)))
-    words = jax.jit(counter.words, static_argnums=4)(tuple(map(jnp.uint32, key)), jnp.int32(step), stage, member, count)
+    words = jax.jit(normals.words, static_argnums=4)(tuple(map(jnp.uint32, key)), jnp.int32(step), stage, member, count)
     assert [int(w) for w in words] == expected[:count]
 
 
@@ -66,7 +66,7 @@ def test_a_body_draws_the_same_numbers_in_every_company_program_and_dtype():
 
     def of(key, member):
         key = tuple(key)
-        return counter.words(key, steps, 2, member, 3), normals.normals(key, (steps, 2, member), 3, dtype)
+        return normals.words(key, steps, 2, member, 3), normals.normals(key, (steps, 2, member), 3, dtype)
 
     words, numbers = jax.jit(jax.vmap(of, (0, None)))(keys, 6)
     alone_words, alone = of(keys[20], 6)

@@ -165,9 +165,9 @@ def _scalars(array: Array) -> list[Array]:
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
     """Whether a function is evaluated on arrays: few operations on arrays give many on scalars, as in a network.
 
-    The limits come from `benchmarks/speed.py networks`. Torques of the scenes have ratios of 1 to 1.3. A function of vectors
-    has a ratio of up to 3, so it stays on scalars unless it is long. A long formula written entry by entry stays as
-    well, because on arrays XLA would evaluate nested stacks many times.
+    The limits come from `benchmarks/speed.py networks`. Torques of the scenes have ratios of 1 to 1.3. A function of
+    vectors has a ratio of up to 3, so it stays on scalars unless it is long. A long formula written entry by entry
+    stays as well, because on arrays XLA would evaluate nested stacks many times.
     """
     scalars, arrays = count_scalar_operations(closed)
     return any(scalars > least and scalars > entries * arrays for least, entries in budgets.ON_ARRAYS)
