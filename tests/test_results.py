@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, WAYS, each, equal_moments, quick
+from cases import CLASSES, DTYPES, each, equal_moments, quick
 
 import midlie_jax as ml
 from midlie_jax import RESULTS
@@ -21,7 +21,7 @@ def moments(name):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", each(few=WAYS))
+@pytest.mark.parametrize("name", each(few=CLASSES))
 def test_a_step_that_is_too_long_and_a_number_that_is_not_finite_are_told_apart(name):
     """However many steps follow before a state is saved, by when all numbers may be anything."""
     too_far, solves = 1.5 * ml.method(name).reach / 30, ml.method(name).solves > 0
