@@ -184,6 +184,7 @@ def test_what_may_be_shown_side_by_side(path, other):
     bodies = ml.RigidBody(jnp.stack([BRICK.moments, SLIM.moments]))
     (first, second) = panels(bodies, ml.Path(path.times, states, ok, bad))  # as `ensemble` returns it
     assert (first.name, second.name) == ("body 0", "body 1")
+    assert isinstance(second.body, ml.RigidBody)
     np.testing.assert_array_equal(second.body.moments, SLIM.moments)
     np.testing.assert_array_equal(second.path.states.momentum, path.states.momentum)
     np.testing.assert_array_equal(second.path.times, path.times)
