@@ -110,7 +110,7 @@ def ours(method: str, share: float, dtype: Any = jnp.float32) -> Run:
         body, torque, bath = scene(x, jax.random.split(b, BODIES), dtype)
         mean = ml.observe.Mean(observed)
         options: Any = {"dt": h, "steps": every * (skipped + counted), "save_every": every, "observe": mean}
-        path = ml.ensemble(method, body, torque, thermal(a, x, dtype), bath=bath, **options)
+        path: Any = ml.ensemble(method, body, torque, thermal(a, x, dtype), bath=bath, **options)
         return path.states.mean[1 + skipped :]
 
     return jax.jit(run, compiler_options=compiler_options(BODIES))

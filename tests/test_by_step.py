@@ -1,6 +1,7 @@
 """Torques that are constant in each step: pulses give their exact impulse, and controls are seen by their own steps."""
 
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -209,7 +210,7 @@ WITHIN = {
 }
 
 
-def ends(torque, body, start, **run):
+def ends(torque, body, start, **run) -> Any:
     method = "SUBLATTICES[EA]" if isinstance(start, ml.spins.SpinState) else "LIEMID[EA]"
     if isinstance(body, ml.SymmetricRotor):
         method = "SYMMETRIC[EA]"

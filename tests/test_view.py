@@ -271,7 +271,7 @@ def test_a_body_of_a_saved_run_is_that_of_the_run(runs, path):
     start = jax.tree.map(lambda x: x[2], path.states)
     known = ml.integrate("JACOBI[EA]", BRICK, None, start, dt=0.04, steps=20)
     for name in ("one.npz", "one.zarr"):
-        found = saved_path(runs / name, 2)
+        found: Any = saved_path(runs / name, 2)
         np.testing.assert_array_equal(found.body.moments, BRICK.moments)
         np.testing.assert_allclose(found.path.times, known.times)
         for one, other in zip(jax.tree.leaves(found.path.states), jax.tree.leaves(known.states), strict=True):
