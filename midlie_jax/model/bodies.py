@@ -387,7 +387,10 @@ def is_matrix(mass: Array) -> bool:
 def _checked_mass(mass: Array) -> Array:
     """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged."""
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
-        raise ValueError(f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; use jax.vmap.")
+        raise ValueError(
+            f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; flatten the positions, or map "
+            "over a batch with jax.vmap."
+        )
     if not is_matrix(mass):
         require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
         return mass
