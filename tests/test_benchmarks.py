@@ -20,7 +20,7 @@ from midlie_jax.cli import scenes
 from midlie_jax.integrators.system import Motion, System
 from midlie_jax.model.free_body import Momenta
 
-claims, limit, work_precision = map(benchmark, ("claims", "limit", "work_precision"))
+claims, coming_from, limit, work_precision = map(benchmark, ("claims", "coming_from", "limit", "work_precision"))
 # Module, table, and the sizes that make it small.
 SMALL = {
     ("speed", "OBSERVED"): {"OBSERVED_BODIES": 4, "OBSERVED_STEPS": 2, "TURNS": 1},
@@ -168,6 +168,24 @@ def test_programs_reach_the_known_ends():
     assert top.error(rivals.reference(short, top.kind, top.states[:2])) < 1e-14
     coarse, fine = rivals.measure(top, (1e-4, 1e-8))
     assert fine.error < 1e-3 * coarse.error < 1e-3
+
+
+# ---- the pages docs/coming-from ----
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", coming_from.PAGES)
+def test_both_columns_of_a_page_on_coming_from_give_the_same_motion(name):
+    """Within the error that the page states: of its first table, and of all together or of LAMMPS."""
+    if absent := coming_from.missing(name):
+        pytest.skip(f"{' and '.join(absent)} is not installed")
+    page, pairs = coming_from.PAGES[name], [(coming_from.columns(name), None)]
+    if name == "molecular-dynamics":
+        pairs.append((coming_from.programs()[1], None))
+    elif len(coming_from.tables(name)) > 1:
+        pairs.append((coming_from.joined(name), page.further))
+    for codes, within in pairs:
+        coming_from.agree(name, *(coming_from.run(code, page.quantities) for code in codes), within)
 
 
 # ---- the C of limit.c ----

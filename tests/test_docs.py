@@ -10,12 +10,10 @@ import tempfile
 import traceback
 from pathlib import Path
 
-import coming_from
 import jax
 import jupytext
 import nbformat
 import pytest
-from alone import run
 from cases import benchmark
 
 import midlie_jax as ml
@@ -174,21 +172,6 @@ def test_a_notebook_is_its_script_executed_once_without_errors(script):
         text = "\n".join(map(str, [output.get("text", ""), *data.values()]))
         assert not OF_A_MACHINE.search(text), text
     assert f"({script.stem}.ipynb)" in (ROOT / "notebooks" / "README.md").read_text()
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", coming_from.PAGES)
-def test_both_columns_of_a_page_on_coming_from_give_the_same_motion(name):
-    """Within the error that the page states: of its first table, and of all together or of LAMMPS."""
-    if absent := coming_from.missing(name):
-        pytest.skip(f"{' and '.join(absent)} is not installed")
-    page, pairs = coming_from.PAGES[name], [(coming_from.columns(name), None)]
-    if name == "molecular-dynamics":
-        pairs.append((coming_from.programs()[1], None))
-    elif len(coming_from.tables(name)) > 1:
-        pairs.append((coming_from.joined(name), page.further))
-    for codes, within in pairs:
-        coming_from.agree(name, *(run(code, page.quantities) for code in codes), within)
 
 
 if __name__ == "__main__":
