@@ -84,6 +84,7 @@ REST = {
     *("test_molecules", "test_molecule_files", "test_rod", "test_shadows", "test_spacecraft", "test_spins"),
     *("test_tides", "test_wheels"),
 }
+RELEASE = {"test_docs", "test_release"}  # what `make test` leaves out of them, `make test-release` runs
 BEGAN = time.time()
 MOST_REMEMBERED = 2e9  # bytes of compiled programs
 # Linux gives a process 65530 maps of memory (vm.max_map_count), each compiled loop takes three, and XLA, given no more,
@@ -137,7 +138,7 @@ def pytest_collection_modifyitems(config, items):
         law, marker = item.nodeid.partition("[")[0], item.get_closest_marker("sample")
         seen[law] += 1
         sampled = item.path.stem not in REST and (marker is None or seen[law] <= marker.args[0])
-        chosen.append(sampled == config.option.sample)
+        chosen.append(sampled == config.option.sample and (sampled or item.path.stem not in RELEASE))
     config.hook.pytest_deselected(items=[item for item, own in zip(items, chosen, strict=True) if not own])
     items[:] = [item for item, own in zip(items, chosen, strict=True) if own]
     if config.option.begin is not None:
