@@ -83,7 +83,10 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
         raise ValueError(f"{file} must have a multiple of {size} atoms, got {len(found)}. Correct atoms=.")
     if _elements_unknown(found, options):
         if masses is None:
-            raise ValueError(f"{file} must have a section Masses, got type numbers. Pass masses, or Z_of_type.")
+            raise ValueError(
+                f"{file} must have a section Masses, got type numbers that ase reads as elements "
+                f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
+            )
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
