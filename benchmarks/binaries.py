@@ -17,7 +17,6 @@ from harness import Table, main
 import midlie_jax as ml
 
 # ---- a Didymos-like binary asteroid and its end states, which two formulas and two programs agree on ----
-#
 # Inputs are those of an example of GUBAS (A. Davis and D. Scheeres, Icarus 341 (2020) 113439), with a primary that is
 # no sphere. The end states were computed with 128-bit arithmetic; a program of the field with a Runge-Kutta method of
 # order 7(8) agrees with them to 4e-14 after 7200 s and 7e-12 after a day. SI units; the first body is the primary. In

@@ -45,7 +45,6 @@ from midlie_jax.model.torques import Torque
 jax.config.update("jax_enable_x64", True)
 
 # ---- how far one step is from symplectic on T*SO(3), and from preserving area on the momentum sphere ----
-#
 # The derivative of the step comes from steps that start at neighbouring states, so that any compiled method can be
 # measured as it is. A stencil of eight points has an error below rounding; what is left is about 1e-13.
 #
@@ -94,7 +93,6 @@ def area_defect(matrix: np.ndarray, before: Any, after: Any) -> float:
 
 
 # ---- the drift test of Bou-Rabee, Ortolan and Saccon: mean energy errors over the eighths of a run to T = 1e4 ----
-#
 # A method that is reversible but not symplectic may show a drift here. The runs are copies of the scene `drift-test`
 # whose momenta differ by rounding: where the motion by a method becomes chaotic, they part ways, and their spread tells
 # how far a late mean is one draw of many.
@@ -144,7 +142,6 @@ def drift(method: Method) -> Drift:
 
 
 # ---- the work of a step, counted in its trace ----
-#
 # The torque that is traced leaves a mark, the cube root, which nothing else in the package uses. The mark's derivative
 # is a mark again, so a directional derivative of the torque, of which Newton's method needs three, counts, too.
 
@@ -222,7 +219,6 @@ def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
 
 
 # ---- every property of a method that a claim is about, by one compiled program and the drift test's ----
-#
 # The motions are the same for all methods: `TOPS` heavy tops about the scene `asymmetric-top`, whose motion is chaotic,
 # with a step of .05 over the long run (a method for two equal moments has the moments (1, 3, 3), and gravity acts
 # across the axis of symmetry); `TOPS` free bodies with different moments, .2 to .5 radians a step; and the fast top P1
@@ -443,7 +439,6 @@ def _error(found: ml.RigidState, exact: ml.RigidState) -> float:
 
 
 # ---- the verdicts: what the paper and the registry claim about a method, against what was measured ----
-#
 # The paper claims of its alternating method, LIEMID[EA], that it is explicit in the forcing, conserves momentum, is
 # symplectic, is of second order, and is the best second-order integrator of its kind. Tried as well: the energy of a
 # symplectic method has no trend.
