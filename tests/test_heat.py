@@ -81,6 +81,17 @@ def test_a_stage_of_the_bath_is_the_solution_of_its_equations(rank, time):
         np.testing.assert_allclose(spread @ spread.T, KT * (inertia - kept @ inertia @ kept.T), atol=2e-12)
 
 
+def test_numbers_are_tensors_of_that_diagonal_and_axes_are_symmetric_bodies():
+    body, time, root = ml.RigidBody(MOMENTS), jnp.asarray(0.4), None
+    for friction in ([0.3, 1.1, 0.0], [0.8, 0.8, 0.8]):
+        of_tensor = exposures(body, None, jnp.diag(jnp.array(friction)), None, time, root)
+        of_numbers = exposures(body, None, jnp.array(friction), None, time, root)
+        for matrix, numbers in zip(of_tensor, of_numbers, strict=True):
+            np.testing.assert_allclose(np.array(matrix), np.diag(numbers), atol=1e-15)
+    of_number = exposures(body, None, jnp.asarray(0.8), None, time, root)
+    np.testing.assert_array_equal(np.array(of_numbers), np.array(of_number))
+
+
 def kinds(count):
     """States of every kind with the square of each momentum over its mean, (n, k): all should be 1."""
     rest, z = at_rest(count), jnp.zeros((count, 3))
