@@ -220,9 +220,9 @@ def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
 
 # ---- every property of a method that a claim is about, by one compiled program and the drift test's ----
 # The motions are the same for all methods: `TOPS` heavy tops about the scene `asymmetric-top`, whose motion is chaotic,
-# with a step of .05 over the long run (a method for two equal moments has the moments (1, 3, 3), and gravity acts
-# across the axis of symmetry); `TOPS` free bodies with different moments, .2 to .5 radians a step; and the fast top P1
-# of the paper's figure, with h = .005 to T = 10, against the closed form.
+# with a step of 0.05 over the long run (a method for two equal moments has the moments (1, 3, 3), and gravity acts
+# across the axis of symmetry); `TOPS` free bodies with different moments, 0.2 to 0.5 radians a step; and the fast top
+# P1 of the paper's figure, with h = 0.005 to T = 10, against the closed form.
 
 STEPS = 1_000_000
 TOPS, ROWS = 16, 32  # tops and free bodies of the long run; rows of every call of the program

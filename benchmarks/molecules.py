@@ -47,7 +47,7 @@ FRAME = jnp.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
 CUTOFF = 0.9
 
-# The edge of a box of 216 molecules with .997 g/cm3; the start was made by rescaling velocities for some ps.
+# The edge of a box of 216 molecules with 0.997 g/cm3; the start was made by rescaling velocities for some ps.
 EDGE = 1.8643
 _START = Path(__file__).with_name("start216.npz")
 
@@ -71,7 +71,7 @@ def dimer() -> ml.CoupledState:
     return in_principal_axes([momentum, -momentum], attitude, jnp.asarray([linear, -linear]), position)
 
 
-# After 1 ps, to the digits that steps of .1 and .2 fs of SRKN6b have in common: position and attitude of the second.
+# After 1 ps, to the digits that steps of 0.1 and 0.2 fs of SRKN6b have in common: position and attitude of the second.
 DIMER_POSITION = np.array([0.26902629, -0.07283731, 0.05932941])
 DIMER_ATTITUDE = np.array([0.00491685, 0.90134910, 0.41820523, 0.11247224])
 
@@ -387,7 +387,7 @@ def draw_box(results: list[tuple[str, float, list[float]]], path: Path) -> None:
 
 
 def places_apart(length: float = 0.1) -> float:
-    """The largest distance of a site in LAMMPS, in steps of .1 fs, from that under SRKN6b, in steps of 1 fs, in nm."""
+    """The largest distance of a site in LAMMPS, in steps of 0.1 fs, from that under SRKN6b, in steps of 1 fs, in nm."""
     start, edge = box()
     steps = round(1e3 * length)
     path = motion("JACOBI[SRKN6b]", start, edge, 1e-3, steps, every=steps, skin=edge, single=False)

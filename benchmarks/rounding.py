@@ -80,8 +80,8 @@ FREE = Table(
 
 # ---- how errors grow over up to 1e8 steps: free bodies and the fast top P1 ----
 #
-# Each run is an ensemble of 16 bodies. A free body is moved by the exact flight JACOBI, at .2 and at 2e-5 radians a
-# step. P1 is moved by SYMMETRIC[CHIN4A] with steps of .005 (.25 radians), whose own error of the energy, 6e-15, is
+# Each run is an ensemble of 16 bodies. A free body is moved by the exact flight JACOBI, at 0.2 and at 2e-5 radians a
+# step. P1 is moved by SYMMETRIC[CHIN4A] with steps of 0.005 (0.25 radians), whose own error of the energy, 6e-15, is
 # below rounding. Every run starts from numbers that float32 represents, so that the exact motion is the same in all
 # precisions. Exact sums of rounding errors that fall either way grow as the square root of the number of steps
 # (Brouwer's law); then the attitude, which sums the errors of the energy, grows with the power 3/2. The whole takes 20

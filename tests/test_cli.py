@@ -215,7 +215,7 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     for cells in map(str.split, outcome.out.splitlines()):
         if cells and cells[0] in methods and cells[-1] == "yes" and len(cells) == 11:
             slopes[cells[0]] += [float(cells[3]), float(cells[5])]
-    # The next term of the error bends the lines by about .01 on the first pair of rungs; the table shows two digits.
+    # The next term of the error bends the lines by about 0.01 on the first pair of rungs; the table shows two digits.
     assert slopes["LIEMID[EA]"] == pytest.approx([2] * 4, abs=0.021)
     assert slopes["LIEMID[E1]"] == pytest.approx([1] * 4, abs=0.021)
 

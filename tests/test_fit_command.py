@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 MOMENTS, RATE = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
 FIELD, IRON = np.array([30.0, 10.0, -35.0]), np.array([5.0, -8.0, 3.0])
-# Of a tumbling body with I1/I3 = .25, some six turns in twenty seconds.
+# Of a tumbling body with I1/I3 = 0.25, some six turns in twenty seconds.
 states_at = partial(tumbled, MOMENTS, RATE, attitude=LEVEL)
 
 

@@ -40,7 +40,7 @@ def random_body(seed):
 
 
 def on_the_separatrix(order, signs, off):
-    """2 H I2 = |Pi|^2 to the last bit: with moments .75, 1, 1.5 that is Pi1 = Pi3. The marks 1, 2, 3 fix the order."""
+    """2 H I2 = |Pi|^2 to the last bit: with moments 0.75, 1, 1.5 that is Pi1 = Pi3. The marks 1, 2, 3 fix the order."""
     table = {1: 0.75, 2: 1.0, 3: 1.5}
     values = {1: signs[0] * 0.5 * (1 + off), 2: 0.25, 3: signs[1] * 0.5}
     return [table[m] for m in order], [values[m] for m in order], 20.0

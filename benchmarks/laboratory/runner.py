@@ -92,7 +92,7 @@ TURNS = 10.0 ** np.arange(-5.0, 0.5)  # radians a step, nearly
 
 
 def free_bodies(equal_moments: bool, dtype: Any, *, count: int, seed: int) -> list[np.ndarray]:
-    """Moments, momenta with angular velocities of .45 to .9, attitudes, steps: `count` bodies for each of `TURNS`."""
+    """Moments, momenta with angular velocities of 0.45 to 0.9, attitudes, steps: `count` bodies for each of `TURNS`."""
     rng, rows = np.random.default_rng(seed), count * len(TURNS)
     masses = rng.uniform(0.3, 1, (rows, 3))
     if equal_moments:

@@ -129,14 +129,8 @@ class SW(_TorqueHalfWay):
         return cp.scale(0.5, cp.add(start, end))
 
 
-class AKW(Implicit):
-    """Pi1 = Pi0 + h Pb x I^-1 Pb + (h/2)(T0 + T1), Pb = (Pi0 + Pi1)/2, R1 = R0 cay(h I^-1 Pb).
-
-    Order 2, symmetric. A step reports False in `ok` if the solve did not converge or the step rotates by more than 2.4
-    radians. Austin, Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
-    """
-
-    name: str = eqx.field(static=True, default="AKW")
+class _TorqueAtEnds(Implicit):
+    """A method whose step has the torques at its start and its end; the next step begins with the latter."""
 
     @property
     def reach(self) -> float:
@@ -144,6 +138,16 @@ class AKW(Implicit):
 
     def keeps_force(self, system: System) -> bool:
         return not system.by_step
+
+
+class AKW(_TorqueAtEnds):
+    """Pi1 = Pi0 + h Pb x I^-1 Pb + (h/2)(T0 + T1), Pb = (Pi0 + Pi1)/2, R1 = R0 cay(h I^-1 Pb).
+
+    Order 2, symmetric. A step reports False in `ok` if the solve did not converge or the step rotates by more than 2.4
+    radians. Austin, Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
+    """
+
+    name: str = eqx.field(static=True, default="AKW")
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
@@ -180,7 +184,7 @@ def _cayley(angle: cp.Vector) -> cp.Quaternion:
     return factor, factor * x, factor * y, factor * z
 
 
-class NewmarkBody(Implicit):
+class NewmarkBody(_TorqueAtEnds):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
     A0 and A1 are the angular accelerations at the start and the end. Order 2, symmetric (reversing a step exchanges the
@@ -191,13 +195,6 @@ class NewmarkBody(Implicit):
     name: str = eqx.field(static=True, default="NMB")
     keeps_momentum: bool = eqx.field(static=True, default=False)
     evaluations: int = eqx.field(static=True, default=1)
-
-    @property
-    def reach(self) -> float:
-        return LARGEST_TURN
-
-    def keeps_force(self, system: System) -> bool:
-        return not system.by_step
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
