@@ -16,7 +16,10 @@ from .._math.powers import unit
 from .._xla.rows import sum_over_rows
 from ..drivers.observe.observables import Observable
 from ..model.bodies import Body
-from ..model.facets import (
+from ..model.state import AnyState, Time
+from ..model.states import TravellingState
+from ..model.surface import (
+    Surface,
     as_amount,
     as_direction,
     as_fractions,
@@ -27,9 +30,6 @@ from ..model.facets import (
     unshadowed,
     with_horizon,
 )
-from ..model.state import AnyState, Time
-from ..model.states import TravellingState
-from ..model.surface import Surface
 from ..model.torques import TorqueLike
 from ..model.torques.base import Torque
 from ..model.wrench import Wrench

@@ -18,11 +18,10 @@ from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
 from ..model.free_body import Momenta, Place
 from ..model.inertia import Inertia
-from ..model.kind import Kind
+from ..model.kind import Inertias, Kind
 from ..model.state import AnyState, P, Q
-from ..model.states.members import Inertias
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
-from ..model.torques.by_step import OfValues, count_by_step, values_in_step, with_values
+from ..model.torques.by_step import OfValues, parts_by_step, values_in_step, with_values
 from ..model.wrench import Wrench
 
 C = TypeVar("C")
@@ -128,7 +127,7 @@ class System(NamedTuple):
         if not values:  # there are none, or they are replaced already
             return self
         inertia, torque = with_values((self.inertia, self.torque), split(values))
-        given = values[count_by_step(self.inertia) :]
+        given = values[len(parts_by_step(self.inertia)) :]
         traced = None if self.traced is None else self.traced.with_given(given)
         return self._replace(inertia=inertia, torque=torque, traced=traced)
 

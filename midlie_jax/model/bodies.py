@@ -13,7 +13,6 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
 from .._checks.brief_help import BriefHelp
 from .._math import components as cp
-from .._math.components import is_traced
 from .._math.powers import unit as power_of_two
 from . import so3
 from .inertia import Inertia
@@ -27,7 +26,6 @@ _RANGE_EXPONENT = 0.8
 
 
 def require_within_range(name: str, value: Any, units: str) -> None:
-    """Raises unless moments or masses leave room for the intermediate results; the remedy names the units."""
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
     cure = in_wider(value.dtype, f"use other units of {units}")
     problem = f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}"
@@ -35,12 +33,10 @@ def require_within_range(name: str, value: Any, units: str) -> None:
 
 
 def _triangle(moments: Any) -> Any:
-    """Whether the largest moment is at most the sum of the other two."""
     return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_TOLERANCE)
 
 
 def is_symmetric(matrix: np.ndarray) -> bool:
-    """Whether matrices (..., 3, 3) are symmetric, up to rounding of their largest entry."""
     tolerance = _SYMMETRY_TOLERANCE * np.abs(matrix).max()
     return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
 
@@ -55,15 +51,11 @@ class Body(eqx.Module, metaclass=BriefHelp):
 
     A custom body defines `inertia` and overrides other methods where it differs; docs/extending.md shows an example.
     `namespace` is where users find the class, and `bath` is its heat bath, both for messages.
-    Momentum and velocity have the form of the momentum of the state: arrays outside the steps, components inside
-    (`State.parts`).
 
     Examples:
         >>> bodies = ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0)
         >>> [isinstance(body, ml.base.Body) for body in bodies]
         [True, True, True]
-        >>> ml.RigidBody(jnp.ones((1000, 3))).batch
-        (1000,)
     """
 
     namespace: ClassVar[str] = "midlie_jax"
@@ -76,8 +68,7 @@ class Body(eqx.Module, metaclass=BriefHelp):
         `velocity(momentum)` is I^-1 Pi. `commutator(force)` is the rate of change of the components of a force T while
         the body rotates with the velocity I^-1 T; it is zero if nothing rotates. `square_of_turn(h, momentum)` is |h
         Omega|^2, which bounds the steps of the Runge-Kutta methods. `nutation(momentum)` is the frequency of a fast
-        spin, for `midlie_jax.check`; it is zero without spin. For a rigid body, the pytree is
-        `midlie_jax.flights.Inertia.of(body)`.
+        spin, for `midlie_jax.check`; it is zero without spin.
         """
 
     def velocity(self, momentum: Any) -> Any:
@@ -85,10 +76,7 @@ class Body(eqx.Module, metaclass=BriefHelp):
         return cp.packed(self.inertia().velocity(cp.unpacked(momentum)))
 
     def is_possible(self) -> Array | bool:
-        """Whether the numbers of the body, or of all coupled bodies, are valid for the constructor, ().
-
-        The constructor cannot check traced numbers; a run therefore checks them once, before its first step.
-        """
+        """Whether the numbers of the body, or of all coupled bodies, are valid, (); a run checks traced numbers so."""
         return True
 
     @property
@@ -117,28 +105,20 @@ class RigidBody(Body):
     """A rigid body that rotates about a fixed point or its centre of mass.
 
     Attributes:
-        moments: principal moments of inertia about this point, (..., 3), mass x length^2. The axes of the body frame
-            are the principal axes, in the order of the moments.
-        physical: whether the moments must satisfy the triangle inequality.
-
-    Args:
-        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`. If the largest exceeds
-            the sum of the other two only by rounding of the last digit, as in (0.0833, 0.0833, 0.1667), it is lowered
-            to that sum, the moment of a flat body.
+        moments: principal moments of inertia about this point, (..., 3), mass x length^2; their axes are those of the
+            body frame. If the largest exceeds the sum of the other two only by rounding of the last digit, as in
+            (0.0833, 0.0833, 0.1667), it is lowered to that sum, the moment of a flat body.
         physical: False allows moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has such
             moments, but the equations of motion remain valid.
 
     Raises:
         ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
-            (float64: 1e-246 and 1e246); for a batch the message names the rows. Also if a full tensor was passed; use
-            `TensorBody` or `from_tensor`.
+            (float64: 1e-246 and 1e246). Also if a full tensor was passed; use `TensorBody` or `from_tensor`.
 
     Examples:
         >>> top = ml.RigidBody([5.0, 5.0, 1.0])
         >>> top.velocity(jnp.array([10.0, 0.0, 50.0]))  # of a momentum
         Array([ 2.,  0., 50.], dtype=float64)
-        >>> ml.RigidBody([[5.0, 5.0, 1.0], [4.0, 3.0, 2.0]]).batch  # two bodies
-        (2,)
     """
 
     moments: Float[Array, "*batch 3"]
@@ -172,11 +152,10 @@ class RigidBody(Body):
         Returns:
             The body, with ascending moments, and rotation matrices `axes` (..., 3, 3) whose columns are the principal
             axes in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
-            attitude R of G becomes R @ axes. Derivatives are derivatives of eigenvectors: NaN where moments are equal.
+            attitude R of G becomes R @ axes. Derivatives are NaN where moments are equal.
 
         Raises:
-            ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for the
-                class.
+            ValueError: as for `TensorBody`.
         """
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)
@@ -216,13 +195,12 @@ class RigidBody(Body):
 class TensorBody(Body):
     """A rigid body with a full inertia tensor, in any frame fixed in the body ("your frame").
 
-    Momentum, attitude, torque and angular velocity are all in your frame; `midlie_jax.integrate` and the other drivers
-    convert to the principal frame and back. A run resumed from a saved state makes two more conversions than an
-    uninterrupted run, and differs from it by rounding. Where two moments are equal, the principal axes have no
-    derivative with respect to the tensor and gradients with respect to it are NaN; use a `RigidBody` there.
+    Momentum, attitude, torque and angular velocity are all in your frame; the drivers convert to the principal frame
+    and back. A run resumed from a saved state therefore differs from an uninterrupted run by rounding. Where two
+    moments are equal, gradients with respect to the tensor are NaN; use a `RigidBody` there.
 
     Attributes:
-        principal: the same body in its principal frame, a `RigidBody`.
+        principal: the same body in its principal frame.
         frame: unit quaternion that takes components in the principal frame to components in your frame, (..., 4).
 
     Args:
@@ -230,8 +208,7 @@ class TensorBody(Body):
         physical: as for `RigidBody`.
 
     Raises:
-        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for a
-            `RigidBody`.
+        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or as for `RigidBody`.
 
     Examples:
         >>> body = ml.TensorBody([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]])
@@ -306,32 +283,24 @@ class Unturned(Body):
 class Particles(Unturned):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
-    The nodes of a deformable solid are also particles: positions (n, 3), masses (n, 1), and forces equal to minus the
-    gradient of the elastic energy; docs/solids.md shows an example.
+    The nodes of a deformable solid are also particles; docs/solids.md shows an example.
 
     Attributes:
-        mass: as passed; for a matrix, its lower Cholesky factor.
-
-    Args:
         mass: positive masses in one of the forms
 
             - (): one for all coordinates;
             - (n,): one for each coordinate of positions (n,); or for each column of positions (k, n), if k is not n;
             - a column (n, 1): one for each row of positions (n, d), that is, one for each particle;
             - a row (1, d): one for each column of positions (n, d);
-            - (n, n): a symmetric positive definite matrix for positions (n,), which is factorised on construction.
-
-            (1, 1) is a matrix and also the column of one particle; both mean the same.
+            - (n, n): a symmetric positive definite matrix for positions (n,), stored as its lower Cholesky factor.
 
     Raises:
         ValueError: the mass has another shape, is not positive, or is not symmetric positive definite. When a run
-            starts, or in `velocity` and `momentum`: the shapes of mass and positions do not fit, or are (n,) and (n,
-            n), which is ambiguous.
+            starts, or in `velocity` and `momentum`: its shape does not fit the positions, or is ambiguous.
 
     Examples:
         >>> three = ml.Particles([[1.0], [2.0], [3.0]])  # a mass for each
-        >>> start = ml.ParticleState(momentum=jnp.ones((3, 3)), position=jnp.zeros((3, 3)))
-        >>> three.velocity(start.momentum)[:, 0].round(4)
+        >>> three.velocity(jnp.ones((3, 3)))[:, 0].round(4)
         Array([1.    , 0.5   , 0.3333], dtype=float64)
     """
 
@@ -385,7 +354,6 @@ def is_matrix(mass: Array) -> bool:
 
 
 def _checked_mass(mass: Array) -> Array:
-    """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged."""
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
         raise ValueError(
             f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; flatten the positions, or map "
@@ -403,7 +371,7 @@ def _checked_mass(mass: Array) -> Array:
 
 
 def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
-    """Raises unless the mass, as stored by `Particles`, belongs to one array of this shape and name in one way only."""
+    """Raises unless the mass belongs to an array of this shape and name in one way only."""
     form, values = mass.shape, f"{name} of shape {shape}"
     if is_matrix(mass):
         if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
@@ -412,7 +380,7 @@ def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
                 "state to one axis."
             )
         return
-    if not _broadcasts(form, shape):
+    if len(form) > len(shape) or any(m not in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False)):
         cure = f"give one mass (), or one for each coordinate {shape}"
         if len(shape) > 1:
             column, row = (shape[-2], 1), (1, shape[-1])
@@ -425,16 +393,12 @@ def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
         )
 
 
-def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
-    return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))
-
-
 _MOST_ROUNDED = 1e-3  # the largest violation relative to the sum of the moments, for any number of digits
 
 
 def made_flat(moments: Array, tolerance: float) -> Array:
     """Moments (..., 3), with the largest lowered to the sum of the others if rounding explains the excess."""
-    if is_traced(moments):
+    if cp.is_traced(moments):
         return moments
     rows = np.array(moments).reshape(-1, 3)
     total = rows.sum(axis=1)

@@ -26,8 +26,7 @@ class OrbitalDistance(eqx.Module):
     """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of rotation
-    by the gravity gradient. Far out the rotation of the body sets the time scale, so no step exceeds `longest` times
-    the step at the reference.
+    by the gravity gradient. Far out the rotation of the body sets the time scale.
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.
@@ -41,8 +40,7 @@ class OrbitalDistance(eqx.Module):
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[1.0, 0.0, 0.0], velocity=[0.0, 1.3, 0.0], mu=1.0)
         >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_variable_step
-        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
-        >>> round(float(density(0.0, state)), 4), round(float(density(10.0, state)), 4)  # steps are longer far out
+        >>> round(float(density(0.0, start)), 4), round(float(density(10.0, start)), 4)  # steps are longer far out
         (1.0, 0.1037)
     """
 
@@ -81,12 +79,10 @@ class TorqueSize(eqx.Module):
         ValueError: the reference or the floor is not positive and finite.
 
     Examples:
-        >>> torque = ml.torques.HeavyTop(2.0)
-        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)
-        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))
+        >>> density = ml.densities.TorqueSize(ml.torques.HeavyTop(2.0), reference=2.0, floor=0.1)
         >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
-        >>> round(float(density(0.0, lying)), 4), round(float(density(0.0, upright)), 4)
-        (1.0006, 0.2236)
+        >>> round(float(density(0.0, upright)), 4)
+        0.2236
     """
 
     torque: TorqueLike
@@ -113,7 +109,7 @@ class Spin(eqx.Module):
     Attributes:
         moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states use other axes.
         reference: the angular velocity at which the density is about 1, ().
-        floor: an angular velocity, (); it keeps the step bounded and the density smooth where the body is at rest.
+        floor: as for `TorqueSize`, an angular velocity, ().
 
     Raises:
         ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.

@@ -63,7 +63,7 @@ class PreparedBath(NamedTuple):
         root: the function of time sqrt(kT), or None if the exposures include the temperature.
         key: two or four words, uint32, of the random key.
         exposures: the effect of the bath by the coefficient of the stage, in the form of the momentum, or a function of
-            time that returns it; or whatever a method makes of the frictions. Arrays may have an axis (N,).
+            time that returns it; or what a method makes of the frictions. Arrays may have an axis (N,).
         member: the index of the body among coupled bodies: all indices (N,), or one.
         step: the index of the step, or None outside a step.
     """
@@ -204,9 +204,8 @@ def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Arr
 def _functions(matrix: Array, time: Array) -> tuple[Array, Array]:
     """1 - exp(-A t) and sqrt(1 - exp(-2 A t)) of symmetric matrices A, (..., 3, 3), with no negative eigenvalue.
 
-    The derivative of eigenvectors is infinite where two eigenvalues agree. That of a function of the matrix is finite:
-    in the basis of eigenvectors, the entries of dA times the divided differences of the function (Daleckii and Krein
-    1965; Higham, Functions of Matrices, theorem 3.11).
+    The derivative is finite, unlike eigenvectors: in their basis, the entries of dA times the divided differences of
+    the function (Higham, Functions of Matrices, theorem 3.11).
     """
     values, vectors = _eigen(matrix)
     lost, spread = _of_values(values, time)
@@ -264,7 +263,7 @@ def _from_values(vectors: Array, values: Array) -> Array:
 
 
 def _divided(a: Array, b: Array, time: Array) -> Array:
-    """The divided difference (exp(-b t) - exp(-a t)) / (a - b), t exp(-a t) where both agree."""
+    """(exp(-b t) - exp(-a t)) / (a - b), and t exp(-a t) where both agree."""
     gap = jnp.abs(a - b) * time
     short = gap < _SHORT
     safe = jnp.where(short, jnp.ones_like(gap), gap)
@@ -273,7 +272,7 @@ def _divided(a: Array, b: Array, time: Array) -> Array:
 
 
 def _over(a: Array, b: Array) -> Array:
-    """a / b, and 0 where b is 0. The derivative there is infinite and is defined as zero, as in `root_of`."""
+    """a / b, and 0 where b is 0, where the derivative is defined as zero, as in `root_of`."""
     zero = b == 0
     return jnp.where(zero, jnp.zeros_like(a * b), a / jnp.where(zero, jnp.ones_like(b), b))
 

@@ -48,8 +48,7 @@ class FreeBody(Body):
     """A body that rotates about its centre of mass and translates.
 
     Attributes:
-        body: the rotating body: a `RigidBody`, a `TensorBody` or a `SymmetricRotor`, with the moments about the centre
-            of mass.
+        body: the rotating body: a `RigidBody`, a `TensorBody` or a `SymmetricRotor`.
         mass: its mass, (), or (...) with the batch of the body. One mass serves all bodies of a batch.
 
     Raises:
@@ -57,10 +56,8 @@ class FreeBody(Body):
 
     Examples:
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
-        >>> level = [1.0, 0.0, 0.0, 0.0]
-        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
-        >>> ml.observe.linear_velocity(brick, thrown)
-        Array([4., 0., 3.], dtype=float64)
+        >>> brick.momentum(jnp.array([1.0, 1.0, 1.0]))  # of an angular velocity
+        Array([1. , 2. , 2.6], dtype=float64)
     """
 
     body: RigidBody | TensorBody | SymmetricRotor
@@ -118,14 +115,11 @@ class FreeBody(Body):
             ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
 
         Examples:
-            >>> def box(mass, x, y, z):
-            ...     x, y, z = x**2, y**2, z**2
-            ...     return ml.RigidBody([mass * (y + z) / 12, mass * (z + x) / 12, mass * (x + y) / 12])
-            >>> panel = box(60.0, 3.1, 8.5, 0.0)
-            >>> sides = [(panel, 60.0, [0.0, y, 0.0]) for y in (-7.7, 7.7)]
-            >>> satellite, centre = ml.FreeBody.joined([(box(1900.0, 2.3, 2.3, 2.3), 1900.0, [0.0, 0.0, 0.0]), *sides])
+            >>> panel = ml.RigidBody([60.0, 4.0, 56.0])
+            >>> sides = [(panel, 20.0, [0.0, y, 0.0]) for y in (-2.0, 2.0)]
+            >>> satellite, centre = ml.FreeBody.joined([(ml.RigidBody([90.0] * 3), 100.0, [0.0] * 3), *sides])
             >>> np.diag(satellite.body.tensor).round(2), satellite.mass.item()
-            (array([9512.47, 1771.27, 9608.57]), 2020.0)
+            (array([370.,  98., 362.]), 140.0)
         """
         parts = [tuple(part) for part in parts]
         if not parts or not {len(part) for part in parts} <= {3, 4}:

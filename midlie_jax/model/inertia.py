@@ -14,8 +14,8 @@ _LARGEST_START = 12.0  # the largest h |Omega| at the start of a flight, in radi
 class Inertia(NamedTuple):
     """The principal moments of a rigid body and constants derived from them, computed once per run, not once per step.
 
-    Flights use the largest moment as the unit, so no choice of units for mass or length makes a product overflow or
-    underflow. Multiplying moments, momentum and torque by the same power of two changes no bit of the attitude.
+    Flights use the largest moment as the unit, so no choice of units makes a product overflow or underflow. Multiplying
+    moments, momentum and torque by the same power of two changes no bit of the attitude.
 
     Attributes:
         moments, inverses: I and 1/I.
@@ -29,8 +29,7 @@ class Inertia(NamedTuple):
 
     Examples:
         >>> inertia = ml.flights.Inertia.of(ml.RigidBody([2.0, 3.0, 4.0]))
-        >>> momentum = ml.flights.components.vector(jnp.array([2.0, 6.0, 12.0]))  # a tuple of scalars
-        >>> jnp.stack(inertia.velocity(momentum))
+        >>> jnp.stack(inertia.velocity((2.0, 6.0, 12.0)))  # of a momentum as a tuple of scalars
         Array([1., 2., 3.], dtype=float64)
     """
 
@@ -92,11 +91,9 @@ class Inertia(NamedTuple):
         )
 
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
-        """(h |Omega|)^2 at the start, for y = `travel(h, momentum)`, and its largest value for one small root of a
-        midpoint flight.
+        """(h |Omega|)^2 at the start, for y = `travel(h, momentum)`, and its limit for one small root of a midpoint.
 
-        In many rotations per step about the thin axis of a slender body, several rotations may satisfy a midpoint rule;
-        a numerical search found such cases at h |Omega| above 30 radians.
+        A numerical search found several roots above 30 radians, about the thin axis of a slender body.
         """
         turn = cp.times(self.spins, y)
         return cp.dot(turn, turn), _LARGEST_START**2
@@ -105,16 +102,13 @@ class Inertia(NamedTuple):
         return cp.times(self.inverses, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """I^-1 T x T, the rate of change of the components of a torque T under rotation with the velocity I^-1 T.
-
-        Computed from the difference of the inverse moments it is exactly zero where two moments agree.
-        """
+        """I^-1 T x T, the rate of change of the components of a torque T under rotation with the velocity I^-1 T."""
         return self.gyroscopic(-1, force)
 
     def gyroscopic(self, h: Array | int, momentum: cp.Vector) -> cp.Vector:
         """h Pi x I^-1 Pi, the change of the momentum by Euler's equations in a short time h, from the gaps.
 
-        The factor h is applied first, so nothing overflows or underflows unless the change itself does.
+        It is zero where two moments agree. As h is applied first, nothing overflows unless the change itself does.
         """
         scaled = cp.scale(h * self.per_unit, self.gaps)
         return cp.times(

@@ -65,8 +65,8 @@ class Leaf:
     def act(pose: Any, increment: Any, no_step: Array | None = None) -> Any:
         """The pose after an increment of a flight: a rotation, or a displacement.
 
-        With `no_step`, the pose is moved at every step: a quaternion or direction is corrected for earlier rounding
-        errors of its length, but if `no_step` is True (a step of length zero), no bit changes.
+        With `no_step`, earlier rounding errors of the length of a quaternion or direction are corrected; if it is True
+        (a step of length zero), no bit changes.
         """
         return cp.tree_add(pose, increment)
 
@@ -91,12 +91,8 @@ class Leaf:
     @classmethod
     def rates(cls, inertia: Any, h: Array, momentum: Any, pose: Any, force: Any) -> tuple[Any, Any]:
         """h times the right-hand side of the equations of motion, for momentum and pose; no force is None."""
-
-        def scaled(tree: Any) -> Any:
-            return jax.tree.map(lambda x: h * x, tree)
-
-        velocity = scaled(inertia.velocity(momentum))
-        impulse = jax.tree.map(jnp.zeros_like, momentum) if force is None else scaled(force)
+        velocity = jax.tree.map(lambda x: h * x, inertia.velocity(momentum))
+        impulse = jax.tree.map(jnp.zeros_like, momentum) if force is None else jax.tree.map(lambda x: h * x, force)
         return cls.momentum_rate(momentum, velocity, impulse), cls.rate(pose, velocity)
 
     @staticmethod
@@ -200,10 +196,7 @@ class BodyLeaf(Leaf):
 
     @classmethod
     def rates(cls, inertia: Any, h: Array, momentum: cp.Vector, pose: Any, force: cp.Vector | None) -> tuple[Any, Any]:
-        """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
-
-        The products of h with the inverse moments and their gaps are computed once per step.
-        """
+        """`Leaf.rates`; the products of h with the inverse moments and their gaps are computed once per step."""
         change = inertia.gyroscopic(h, momentum)
         if force is not None:
             change = cp.add(change, cp.scale(h, force))

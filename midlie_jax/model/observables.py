@@ -93,11 +93,7 @@ def energy(
 def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
-    Args:
-        body, state: as for `kinetic_energy`, of a rigid body, which may translate.
-
-    Raises:
-        ValueError: as for `kinetic_energy`, or the body is a `SymmetricRotor`, whose spin is unknown.
+    Arguments and errors are as for `kinetic_energy`; a `SymmetricRotor`, whose spin is unknown, is also an error.
 
     Examples:
         >>> ml.observe.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
@@ -112,16 +108,11 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity R I^-1 Pi in the space frame, radians per unit of time, (..., 3).
 
-    Args:
-        body, state: as for `angular_velocity`; the state has an attitude.
-
-    Raises:
-        ValueError: the state has no attitude, or as for `angular_velocity`.
+    Arguments and errors are as for `kinetic_energy`; the state must have an attitude.
 
     Examples:
-        >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> ml.observe.spatial_angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), start).round(4)
-        Array([  2.    , -14.776 ,  47.7668], dtype=float64)
+        >>> ml.observe.spatial_angular_velocity(body, start).round(4)
+        Array([ 0.    , -14.776 ,  47.7668], dtype=float64)
     """
     velocity = _velocity(body, state)
     if isinstance(velocity, Momenta):
@@ -134,14 +125,11 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
 def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
 
-    It is R Pi for a body that rotates about a fixed point, and x cross p + R Pi for a body that translates; the
-    momentum of an `AxisState` is in the space frame already. For coupled bodies it is the total.
+    It is R Pi for a body that rotates about a fixed point, and x cross p + R Pi for a body that translates. For coupled
+    bodies it is the total.
 
     Args:
-        state: a state with an attitude or an axis, which may have leading batch axes; for a path its `states`.
-
-    Raises:
-        ValueError: the state has neither.
+        state: a state with an attitude or an axis, otherwise a ValueError is raised; for a path its `states`.
 
     Examples:
         >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
@@ -155,10 +143,7 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     """The linear momentum p of a body that translates, or the total of coupled bodies, space frame, (..., 3).
 
     Args:
-        state: a `FreeState` or `FreeAxisState`, which may have leading batch axes; for a path its `states`.
-
-    Raises:
-        ValueError: the state does not translate.
+        state: a `FreeState` or `FreeAxisState`, for a path its `states`; a ValueError if the state does not translate.
 
     Examples:
         >>> level = [1.0, 0.0, 0.0, 0.0]
@@ -173,15 +158,10 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
 def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The velocity p/m of the centre of mass of a body that translates, space frame, length/time, (..., 3).
 
-    Args:
-        body, state: as for `kinetic_energy`, of a body that translates.
-
-    Raises:
-        ValueError: the state does not translate, or does not belong to the body.
+    Arguments and errors are as for `kinetic_energy`; a state that does not translate is also an error.
 
     Examples:
-        >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
-        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> brick, level = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0), [1.0, 0.0, 0.0, 0.0]
         >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
         >>> ml.observe.linear_velocity(brick, thrown)
         Array([4., 0., 3.], dtype=float64)
@@ -195,9 +175,6 @@ def position(state: AnyState) -> Float[Array, "*batch 3"]:
 
     Args:
         state: as for `linear_momentum`. For coupled bodies the positions are (..., N, 3).
-
-    Raises:
-        ValueError: the state does not translate.
 
     Examples:
         >>> level = [1.0, 0.0, 0.0, 0.0]
@@ -219,10 +196,7 @@ def _translation(state: Any) -> tuple[Array, Array]:
 def _velocity(body: Body, state: AnyState) -> Any:
     check_state("state", state)
     check_body(body, state)
-
-    def velocity(body: Body, momentum: Any) -> Any:
-        return body.velocity(momentum)
-
+    velocity: Any = type(body).velocity
     for _ in range(axes_of_bodies(body, state)):
         velocity = jax.vmap(velocity)
     return velocity(body, _momentum(state))
@@ -233,11 +207,7 @@ def _momentum(state: AnyState) -> Any:
 
 
 def axes_of_bodies(body: Body, state: AnyState) -> int:
-    """The number of leading axes that body and state share: axes along which each body has its own states.
-
-    Raises:
-        ValueError: the states do not have one row for each body.
-    """
+    """The number of leading axes that body and state share: axes along which each body has its own states."""
     bodies = state.kind.batch_of(body)
     if not bodies:
         return 0

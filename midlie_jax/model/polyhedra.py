@@ -52,9 +52,7 @@ def _outer(v: Array) -> Array:
 
 
 def solid_of(corners: Array) -> Solid:
-    """The interior of triangles (n, 3 corners, 3) that are counterclockwise from outside: tetrahedra from one interior
-    point.
-    """
+    """The interior of triangles (n, 3, 3), counterclockwise from outside: tetrahedra from one interior point."""
     inside = jnp.mean(corners, axis=(0, 1))
     x = corners - inside[None, None, :]
     length, per_length = unit(jnp.max(jnp.abs(x)))  # a power of two, so fifth powers stay in range
@@ -170,14 +168,13 @@ def _table(path: str | PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     lines = [line.split("#")[0].replace(",", " ").split() for line in Path(path).read_text().splitlines()]
     lines = [line for line in lines if line]
     try:
-        vertices, faces = _lettered(lines) if lines and lines[0][0] in "vf" else _counted(lines)
+        if lines and lines[0][0] in "vf":
+            vertices, faces = (np.array([row[1:4] for row in lines if row[0] == name], float) for name in "vf")
+        else:
+            vertices, faces = _counted(lines)
     except (ValueError, IndexError) as error:
         raise ValueError(f"{path} is no table of vertices and faces; give an OBJ, STL or PLY file.") from error
     return vertices, faces.astype(int) - min(1, int(faces.min()))  # each vertex belongs to a face: the least is 0 or 1
-
-
-def _lettered(lines: list[list[str]]) -> Any:
-    return tuple(np.array([line[1:4] for line in lines if line[0] == name], float) for name in "vf")
 
 
 def _counted(lines: list[list[str]]) -> Any:
@@ -276,7 +273,9 @@ def _crossings(corners: np.ndarray, azimuths: int) -> Iterator[tuple[np.ndarray,
     """For the edges of triangles: triangle, azimuth and elevation, where an edge crosses one of the azimuths."""
     azimuth = np.arange(azimuths) * (4 / azimuths)
     across = np.abs(azimuth - 2) - 1, np.abs((azimuth + 3) % 4 - 2) - 1  # x and y, |x| + |y| = 1
-    place = _azimuth(corners[..., 0], corners[..., 1])
+    x, y = corners[..., 0], corners[..., 1]
+    slope = y / np.maximum(np.abs(x) + np.abs(y), np.finfo(float).tiny)
+    place = np.where(x < 0, 2 - slope, slope % 4)
     for i in range(3):
         a, b = corners[:, i], corners[:, i - 2]
         span = (place[:, i - 2] - place[:, i] + 2) % 4 - 2
@@ -289,11 +288,6 @@ def _crossings(corners: np.ndarray, azimuths: int) -> Iterator[tuple[np.ndarray,
         part = np.clip(left / np.where(left == right, 1, left - right), 0, 1)
         point = a[edge] + part[:, None] * (b - a)[edge]
         yield edge, k, point[:, 2] / np.maximum(np.abs(point).sum(1), _TINY)
-
-
-def _azimuth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    slope = y / np.maximum(np.abs(x) + np.abs(y), np.finfo(float).tiny)
-    return np.where(x < 0, 2 - slope, slope % 4)
 
 
 def open_sky(row: Any, direction: cp.Vector, normal: cp.Vector) -> Array:

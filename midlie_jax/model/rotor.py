@@ -52,9 +52,8 @@ class SymmetricRotor(Body):
             shape.
 
     Examples:
-        >>> top = ml.AxisState.of(start)
-        >>> path = ml.integrate("SYMMETRIC[EA]", ml.SymmetricRotor(5.0), torque, top, dt=0.01, steps=100)
-        >>> path.states.axis.shape
+        >>> rotor, top = ml.SymmetricRotor(5.0), ml.AxisState.of(start)
+        >>> ml.integrate("SYMMETRIC[EA]", rotor, torque, top, dt=0.01, steps=100).states.axis.shape
         (101, 3)
     """
 

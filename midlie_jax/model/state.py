@@ -70,21 +70,16 @@ class State(eqx.Module, metaclass=BriefHelp):
 
         Args:
             body: the body of the run, which has the moments and the mass.
-            velocity: the angular velocity (..., 3), in the frame of the momentum: body frame, or space frame for an
-                `AxisState`. For particles their velocity.
+            velocity: the angular velocity (..., 3), in the frame of the momentum. For particles their velocity.
             others: the other arguments of the constructor, in its order; `linear` is a velocity (..., 3), space frame.
 
         Raises:
             ValueError: the state does not belong to the body, or as for the constructor.
 
         Examples:
-            >>> still = [1.0, 0.0, 0.0, 0.0]
-            >>> ml.RigidState.from_velocity(ml.RigidBody([2.0, 3.0, 4.0]), [0.1, 0.2, 0.3], still).momentum
+            >>> body, still = ml.RigidBody([2.0, 3.0, 4.0]), [1.0, 0.0, 0.0, 0.0]
+            >>> ml.RigidState.from_velocity(body, [0.1, 0.2, 0.3], still).momentum
             Array([0.2, 0.6, 1.2], dtype=float64)
-            >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
-            >>> thrown = ml.FreeState.from_velocity(brick, [0.0, 1.5, 0.0], still, [4.0, 0.0, 3.0], [0.0, 0.0, 1.5])
-            >>> thrown.linear
-            Array([12.,  0.,  9.], dtype=float64)
         """
         require_own(body, cls)
         made: Any = cls
@@ -93,8 +88,7 @@ class State(eqx.Module, metaclass=BriefHelp):
     def parts(self) -> tuple[Any, Any]:
         """(momentum, pose) in the form that steps use: tuples of scalars (x, y, z) and (w, x, y, z).
 
-        With two leaves they are a `Momenta` and a `Place` of such tuples. Velocities and forces have the form of the
-        momentum.
+        With two leaves they are a `Momenta` and a `Place` of such tuples.
         """
         return self.kind.parts(self)
 
@@ -148,8 +142,8 @@ class State(eqx.Module, metaclass=BriefHelp):
         """The state moved by an increment (..., k): for each leaf the change of the momentum, then of the pose.
 
         For an attitude, the second part is a rotation vector in the body frame, (..., 3), radians. For a direction or
-        an axis it is a rotation vector in the plane perpendicular to it, (..., 2); its two axes depend on the direction
-        alone. Increments can therefore be estimated, averaged and interpolated like any vector.
+        an axis it is a rotation vector in the plane perpendicular to it, (..., 2), along two axes that depend on the
+        direction alone.
         """
         made: Any = type(self)
         ends = np.cumsum([leaf.freedom for leaf in self.leaves[:-1]], dtype=int)

@@ -1,9 +1,12 @@
-"""`Surface`: the facets of a body, for light and air, and the enclosed solid."""
+"""`Surface`: the facets of a body and the enclosed solid; and what forces on facets and their brightness share."""
 
+import warnings
+from collections.abc import Callable
+from functools import reduce
 from itertools import combinations_with_replacement, permutations
 from math import factorial
 from os import PathLike
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,19 +17,23 @@ from jaxtyping import Float
 from .._checks.arguments import (
     as_count,
     as_floats,
+    as_function_of_time,
     as_not_negative,
     as_positive,
+    described,
     is_unit,
     require,
     require_finite,
     require_rows,
     same_dtype,
+    vector_at,
 )
 from .._math import components as cp
 from .._math.powers import unit as unit_of
 from . import so3
 from .bodies import RigidBody, TensorBody
-from .polyhedra import Horizon, Solid, as_faces, horizon_of, read_mesh, require_area, solid_of, sphere
+from .polyhedra import Horizon, Solid, as_faces, horizon_of, open_sky, read_mesh, require_area, solid_of, sphere
+from .state import AnyState, Time, require_all_directions
 
 _FACES_OF_BOX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _CENTRED = 1e-5  # the largest distance of the origin from the centre of mass, in radii of gyration
@@ -36,7 +43,7 @@ class Surface(eqx.Module):
     """Flat facets of a body, convex or not: for light curves, sunlight and air drag.
 
     Facets shadow each other only after `with_shadows`, and light is scattered once. Vertices, semi-axes and lengths may
-    be traced, so facets can be mapped and differentiated.
+    be traced.
 
     Attributes:
         areas: of the facets, (n,), length^2.
@@ -107,8 +114,7 @@ class Surface(eqx.Module):
 
         Args:
             areas: (n,), length^2, not negative.
-            normals: unit vectors, body frame, (n, 3).
-            centroids: body frame, (n, 3), length.
+            normals, centroids: unit vectors and lengths, body frame, (n, 3).
 
         Raises:
             ValueError: wrong shapes or dtypes, a negative area, a normal that is not a unit vector, or numbers that are
@@ -152,8 +158,7 @@ class Surface(eqx.Module):
 
         The facets divide the unit sphere nearly evenly (a divided icosahedron) and are stretched with it. Each facet
         has the vector area of its part of the ellipsoid. Volume, centre and inertia are exact, and the vector areas add
-        up to zero. The visible area converges with the number of facets, and all is smooth in the semi-axes. A
-        polyhedron with its corners on the ellipsoid would be too small in every direction.
+        up to zero. The visible area converges with the number of facets, and all is smooth in the semi-axes.
 
         Args:
             semi_axes: (3,), length.
@@ -174,13 +179,9 @@ class Surface(eqx.Module):
 
     @classmethod
     def box(cls, lengths: Any) -> "Surface":
-        """A box about the origin along the axes of the frame, with 6 facets, at +x, -x, +y, -y, +z and -z.
+        """A box about the origin with these lengths of its edges, (3,), and 6 facets, at +x, -x, +y, -y, +z and -z.
 
-        Args:
-            lengths: of its edges, (3,).
-
-        Raises:
-            ValueError: lengths not positive and of shape (3,).
+        Raises a ValueError for lengths that are not positive or of another shape.
         """
         edges = _lengths("lengths", lengths)
         x, y, z = edges
@@ -228,8 +229,7 @@ class Surface(eqx.Module):
     def moments(self, degree: int, density: Any) -> Array:
         """The integrals of x_i x_j ... over the mass, (3,) * degree, about the origin, such as for `MutualGravity`.
 
-        Raises:
-            ValueError: the density is not positive, or the surface is not of closed triangles.
+        Raises a ValueError if the density is not positive, or the surface is not of closed triangles.
         """
         if self.solid is None or self.corners is None:
             raise ValueError("moments need a closed surface of triangles; make every part of vertices and faces.")
@@ -244,11 +244,7 @@ class Surface(eqx.Module):
         return as_positive("density", density) * (factorial(degree) / factorial(degree + 3)) * symmetric
 
     def body(self, density: Any) -> TensorBody:
-        """The homogeneous body in the frame of the surface; the origin must be the centre of mass.
-
-        Raises:
-            ValueError: the density is not positive, the panels are open, or the origin is elsewhere.
-        """
+        """The homogeneous body in the frame of the surface; a ValueError unless the origin is its centre of mass."""
         self._require_centred()
         return TensorBody(self.inertia(density))
 
@@ -257,9 +253,6 @@ class Surface(eqx.Module):
 
         The largest component of the first and the second axis in the old frame is positive, and the axes are
         right-handed. The origin is moved to the centre of mass. Where moments are equal, the axes have no derivative.
-
-        Raises:
-            ValueError: the density is not positive, or the panels are open.
         """
         body, axes = RigidBody.from_tensor(self.inertia(density))
         largest = jnp.argmax(jnp.abs(axes), axis=0)
@@ -343,6 +336,74 @@ class Surface(eqx.Module):
                 f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; use "
                 "surface.centred(), also for the torques on the body."
             )
+
+
+Direction = Array | Callable[[Any], Array]
+
+
+def as_direction(name: str, value: Any) -> Direction:
+    direction = as_function_of_time(name, value)
+    if not callable(direction):
+        cure = "divide it by its norm; give a position as a function of time."
+        require(name, direction, is_unit, "must be a unit vector", cure)
+    return direction
+
+
+def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
+    """The unit vector in body components; the value of a function is normalised."""
+    if not callable(direction):
+        return state.seen_from_body(cp.vector(direction))
+    vector = cp.vector(vector_at(name, direction, t))
+    return require_all_directions(state).seen_from_body(cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector))
+
+
+def as_fractions(name: str, value: Any) -> Array:
+    fraction = as_floats(name, value)
+    require(name, fraction, lambda x: (x >= 0) & (x <= 1), "must be between 0 and 1", "give a fraction.")
+    return fraction
+
+
+def of_facets(name: str, value: Array, surface: Surface) -> Array:
+    if value.shape not in ((), (surface.count,)):
+        raise ValueError(f"{name} must be () or ({surface.count},), one for each facet, got {value.shape}.")
+    return jnp.broadcast_to(value, (surface.count,))
+
+
+def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
+    return cast(Callable[[Any], Array], value) if callable(value) else as_not_negative(name, value)
+
+
+def as_lit_surface(surface: Any) -> Surface:
+    """The argument `surface`; with a warning if its facets should shadow each other, but do not."""
+    if not isinstance(surface, Surface):
+        raise ValueError(f"surface must be a midlie_jax.Surface, got {described(surface)}.")
+    if surface.corners is not None and surface.horizon is None and not cp.is_traced(surface) and not surface.is_convex:
+        warnings.warn(
+            "this surface is not convex, but its facets do not shadow each other; use surface.with_shadows().",
+            stacklevel=3,
+        )
+    return surface
+
+
+def with_horizon(columns: tuple[Array, ...], surface: Surface) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Columns with the horizon's behind them, and its tables; for `sum_over_rows` and `unshadowed`."""
+    horizon = surface.horizon
+    if horizon is None:
+        return columns, ()
+    return (*columns, *cp.vector(horizon.across), horizon.sharpness), tuple(
+        table for table in (horizon.top, horizon.bottom) if table is not None
+    )
+
+
+def unshadowed(row: Any, columns: int, *directions: cp.Vector) -> Array | float:
+    """The fraction of a facet that sees all directions; `row` begins with the normal, its horizon at `columns`."""
+    if len(row) == columns:
+        return 1.0
+    return reduce(jnp.minimum, [open_sky(row[columns:], direction, row[0:3]) for direction in directions])
+
+
+def lit(cosine: Array) -> Array:
+    return jnp.where(cosine > 0, cosine, jnp.zeros_like(cosine))
 
 
 def _lengths(name: str, value: Any) -> Array:

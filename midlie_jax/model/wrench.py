@@ -13,8 +13,7 @@ from .._checks.arguments import as_floats
 class Wrench(eqx.Module):
     """A torque in the body frame and a force in the space frame: the value of a torque function for a `FreeState`.
 
-    Wrenches add. An array added to a wrench is a torque without a force. For a `FreeAxisState` the torque is in the
-    space frame, like its momentum.
+    Wrenches add; an array added to a wrench is a torque. For a `FreeAxisState` the torque is in the space frame.
 
     Attributes:
         torque: about the centre of mass, body frame, (..., 3).

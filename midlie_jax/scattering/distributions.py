@@ -25,9 +25,7 @@ _ROUNDED = 1e-6  # allowed error of correlations, because numbers may have been 
 
 
 class Distribution(eqx.Module):
-    """The distribution of one quantity over the bodies.
-
-    Its arrays are the parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
+    """The distribution of one quantity over the bodies; its arrays are cast to the dtype of the result.
 
     Examples:
         >>> moments = ml.distributions.LogNormal([5.0, 5.0, 1.0], 0.1)  # a distribution
@@ -61,8 +59,7 @@ class Normal(Distribution):
         covariance: (d, d), symmetric positive semi-definite, in place of the deviation.
 
     Raises:
-        ValueError: both or neither of deviation and covariance; shapes that do not fit; a negative deviation; a
-            covariance that is not symmetric positive semi-definite; or numbers that are not finite.
+        ValueError: both or neither of deviation and covariance, or shapes or numbers other than these.
 
     Examples:
         >>> normal = ml.distributions.Normal([0.0, 0.0, 50.0], deviation=[0.1, 0.1, 1.0])
@@ -107,8 +104,7 @@ class LogNormal(Distribution):
             holds for all. The mean is median * sqrt(1 + deviation^2).
 
     Raises:
-        ValueError: a median that is not positive, a negative deviation, shapes that do not fit, or numbers that are not
-            finite.
+        ValueError: shapes or numbers other than these.
 
     Examples:
         >>> mass = ml.distributions.LogNormal(3.0, 0.2)  # half of all masses above 3, and 20 % of deviation
@@ -138,8 +134,7 @@ class Uniform(Distribution):
         ValueError: low exceeds high, shapes that do not fit, or numbers that are not finite.
 
     Examples:
-        >>> weight = ml.distributions.Uniform(15.0, 25.0)
-        >>> ml.scatter(jax.random.key(0), 1000, weight=weight)["weight"].shape
+        >>> ml.scatter(jax.random.key(0), 1000, weight=ml.distributions.Uniform(15.0, 25.0))["weight"].shape
         (1000,)
     """
 
@@ -170,9 +165,8 @@ class Joint(Distribution):
 
     Examples:
         >>> both = ml.distributions.Joint({"mass": 3.0, "drag": 1.2}, covariance=[[0.04, 0.01], [0.01, 0.09]])
-        >>> drawn = ml.scatter(jax.random.key(0), 1000, numbers=both)["numbers"]
-        >>> drawn["mass"].shape, drawn["drag"].shape
-        ((1000,), (1000,))
+        >>> ml.scatter(jax.random.key(0), 1000, numbers=both)["numbers"]["drag"].shape
+        (1000,)
     """
 
     normal: Normal
@@ -202,13 +196,7 @@ def _direction(key: Array, size: int, dtype: Any) -> Array:
 
 
 class Sphere(Distribution):
-    """A vector (3,) of fixed length, whose direction is uniform on the sphere S^2.
-
-    Args:
-        radius: the length, a positive number.
-
-    Raises:
-        ValueError: the radius is not a single positive number.
+    """A vector (3,) of fixed length, a positive number, whose direction is uniform on the sphere S^2.
 
     Examples:
         >>> momenta = ml.scatter(jax.random.key(0), 1000, momentum=ml.distributions.Sphere(50.0))["momentum"]
@@ -291,15 +279,10 @@ class _Table(Distribution):
 
 
 class Rows(_Table):
-    """A row of measured data, drawn with replacement and with equal probabilities: the bootstrap.
+    """A row of measured data (m, ...), drawn with replacement and with equal probabilities: the bootstrap.
 
-    Correlated quantities must be columns of one array; otherwise their rows are drawn independently.
-
-    Args:
-        values: (m, ...), m rows of any shape.
-
-    Raises:
-        ValueError: the values have no rows, or are not finite numbers.
+    Correlated quantities must be columns of one array; otherwise their rows are drawn independently. Raises a
+    ValueError for values without rows, or that are not finite numbers.
 
     Examples:
         >>> measured = np.array([[1.0, 0.1], [2.0, 0.3], [3.0, 0.2]])  # correlated columns
@@ -312,14 +295,9 @@ class Rows(_Table):
 
 
 class Each(_Table):
-    """Row k for body k; nothing is drawn. Use it for given values, or for values drawn by another program.
+    """Row k of values (m, ...) for body k; nothing is drawn. Use it for values that are given, or drawn elsewhere.
 
-    Args:
-        values: (m, ...), one row for each body.
-
-    Raises:
-        ValueError: the values have no rows, or are not finite numbers. `midlie_jax.scatter` raises it for a body beyond
-            the last row.
+    Raises a ValueError as `Rows` does; `midlie_jax.scatter` raises it for a body beyond the last row.
 
     Examples:
         >>> known = ml.distributions.Each([[1.0, 2.0, 2.5], [3.0, 3.0, 1.0]])
@@ -343,8 +321,7 @@ class Key(Distribution):
     """A random key for each body, such as the `key` of `midlie_jax.baths.Langevin`.
 
     Examples:
-        >>> drawn = ml.scatter(jax.random.key(0), 100, bath=ml.distributions.Key())
-        >>> drawn["bath"].shape  # for the `key` of a heat bath, one for each body
+        >>> ml.scatter(jax.random.key(0), 100, bath=ml.distributions.Key())["bath"].shape
         (100,)
     """
 
@@ -353,7 +330,7 @@ class Key(Distribution):
 
 
 def _as_numbers(name: str, value: Any) -> np.ndarray:
-    """`value` as a finite float64 NumPy array, so that no digit depends on JAX's x64 setting; else a ValueError."""
+    """`value` as a finite float64 NumPy array, so that no digit depends on JAX's x64 setting."""
     if cp.is_traced(value):
         raise ValueError(f"{name} is traced; make distributions outside jit, vmap and grad.")
     try:
@@ -390,8 +367,8 @@ def _broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 def _covariance_root(covariance: Any, size: int) -> np.ndarray:
     """A matrix S with S S^T = covariance, (size, size): deviations times the positive root of the correlations.
 
-    Rounding errors relative to the largest entry of the covariance itself would destroy its small entries. Cholesky's
-    method fails for a semi-definite matrix, and a root from eigenvectors alone has program-dependent signs.
+    Relative to the covariance itself, rounding errors would destroy its small entries. Cholesky's method fails for a
+    semi-definite matrix, and a root from eigenvectors alone has program-dependent signs.
     """
     matrix = _as_numbers("covariance", covariance)
     if matrix.shape != (size, size):

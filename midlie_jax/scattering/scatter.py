@@ -26,10 +26,9 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
     """Draws random inputs for the bodies of an ensemble.
 
     The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype, and not on
-    other bodies and quantities. A process or group that holds the bodies i to j - 1 draws only these: `scatter(key,
-    range(i, j), ...)` equals these rows of `scatter(key, n, ...)`, bit for bit. This holds for one kind of processor
-    and one version of JAX; others may round some draws differently. For independent Monte Carlo runs, give each run its
-    own key (`jax.random.split`).
+    other bodies and quantities. A process that holds the bodies i to j - 1 draws only these: `scatter(key, range(i, j),
+    ...)` equals these rows of `scatter(key, n, ...)`, bit for bit, for one kind of processor and one version of JAX.
+    For independent Monte Carlo runs, give each run its own key (`jax.random.split`).
 
     Args:
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
@@ -41,20 +40,22 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
         For each name an array with a leading axis of bodies, or for `Joint` a dictionary of such arrays.
 
     Raises:
-        ValueError: the key, the bodies, the dtype or a distribution is not of the kind above; a body has no row in an
-            `Each`; or the function is called inside jit, vmap or grad, where the draws would become part of another
-            program.
+        ValueError: an argument is not of the kind above; a body has no row in an `Each`; or the function is called
+            inside jit, vmap or grad, where the draws would become part of another program.
 
     Examples:
         >>> normal, rotation = ml.distributions.Normal([0.0, 0.0, 50.0], 1.0), ml.distributions.Rotation()
-        >>> start = ml.RigidState(**ml.scatter(jax.random.key(0), 1000, momentum=normal, attitude=rotation))
-        >>> start.momentum.shape, start.attitude.shape
-        ((1000, 3), (1000, 4))
+        >>> drawn = ml.scatter(jax.random.key(0), 1000, momentum=normal, attitude=rotation)
+        >>> ml.RigidState(**drawn).attitude.shape  # the start of an ensemble
+        (1000, 4)
     """
     for name, value in (("key", key), ("bodies", bodies)):
         if is_traced(value):
             raise ValueError(f"{name} is traced; call scatter outside jit, vmap and grad, and pass its result.")
-    _check_key(key)
+    if not is_key(key) or key.shape != ():
+        raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
+    if "threefry" not in str(jax.random.key_impl(key)):
+        raise ValueError("key must be of the generator threefry2x32: jax.random.key(0, impl='threefry2x32').")
     indices, name_of_dtype = _indices(bodies), _dtype_name(dtype)
     if not quantities:
         raise ValueError("scatter needs a quantity; pass one by name, such as weight=Normal(20.0, 0.5).")
@@ -96,13 +97,6 @@ def _joined(parts: tuple[Array, ...], count: int) -> Array:
     if is_key(parts[0]):
         return jax.random.wrap_key_data(_joined(tuple(map(jax.random.key_data, parts)), count))
     return jnp.asarray(np.concatenate([np.asarray(part) for part in parts])[:count])
-
-
-def _check_key(key: Any) -> None:
-    if not is_key(key) or key.shape != ():
-        raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
-    if "threefry" not in str(jax.random.key_impl(key)):
-        raise ValueError("key must be of the generator threefry2x32: jax.random.key(0, impl='threefry2x32').")
 
 
 def _indices(bodies: Any) -> np.ndarray:

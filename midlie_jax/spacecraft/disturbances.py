@@ -14,11 +14,10 @@ from .._math import components as cp
 from .._xla.rows import sum_over_rows
 from ..model.baths.base import as_tensor
 from ..model.bodies import RigidBody, TensorBody
-from ..model.facets import as_amount, as_fractions, as_lit_surface, lit, of_facets, unshadowed, with_horizon
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time, require_all_directions
-from ..model.surface import Surface
+from ..model.surface import Surface, as_amount, as_fractions, as_lit_surface, lit, of_facets, unshadowed, with_horizon
 from ..model.torques.base import Torque
 from ..model.torques.fields import to_body_components
 from ..model.torques.reads_body import ReadsBody, ReadsVelocity

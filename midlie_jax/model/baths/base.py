@@ -126,8 +126,7 @@ class Sum(BathOfBodies):
     Examples:
         >>> keys = jax.random.split(jax.random.key(0))
         >>> both = ml.baths.Langevin(1.0, 0.5, keys[0]) + ml.baths.Recoil(0.2, keys[1])
-        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> bool(ml.integrate("SYMMETRIC[BAOAB]", body, None, start, dt=0.1, steps=20, bath=both).ok)
+        >>> bool(ml.integrate("SYMMETRIC[BAOAB]", body, None, start, dt=0.001, steps=20, bath=both).ok)
         True
     """
 
@@ -167,10 +166,7 @@ class Sum(BathOfBodies):
 
 
 def words_of(key: Array) -> tuple[Array, ...]:
-    """The words of a random key, uint32.
-
-    The barrier hides a constant key from XLA, which would fold the noise at compile time, with different rounding.
-    """
+    """The words of a random key, uint32, behind a barrier: XLA would fold a constant one, with other rounding."""
     words = jax.lax.optimization_barrier(jax.random.key_data(key))
     return tuple(words[i] for i in range(words.shape[-1]))
 

@@ -39,7 +39,7 @@ class Orbit(Timed):
     """
 
     def known(self) -> tuple[Any, Any] | None:
-        """Positions (..., 3) and velocities (..., 3) known without a time, for the check of units; or None."""
+        """Positions and velocities (..., 3) known without a time, for the check of units; or None."""
         return None
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
@@ -48,8 +48,7 @@ class Orbit(Timed):
     def velocity_at(self, t: Any) -> Float[Array, "*batch 3"]:
         """The velocity at time t, (..., 3), length/time: the exact derivative of the position.
 
-        A torque that reads a velocity accepts it as a function: `midlie_jax.torques.Drag(...,
-        velocity=orbit.velocity_at)`.
+        Torques accept it as a function: `midlie_jax.torques.Drag(..., velocity=orbit.velocity_at)`.
         """
         t = jnp.asarray(t, jnp.result_type(float, t))
         return jax.jvp(self, (t,), (jnp.ones_like(t),))[1]
@@ -73,9 +72,7 @@ class Orbit(Timed):
 
 
 def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str = "pass lambda t: orbit(t)") -> None:
-    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle, above 2 on a
-    hyperbola.
-    """
+    """Raises if speeds and mu cannot be in the same units: v^2 r / mu is 1 on a circle, above 2 on a hyperbola."""
     rows = orbit.known() if isinstance(orbit, Orbit) else None
     if rows is None or cp.is_traced(rows, mu):
         return
@@ -97,8 +94,7 @@ def orbits_in(tree: Any) -> list[Timed]:
 class Units(NamedTuple):
     """Constant units of length and time in which a position has the size 1 to 2 and mu, times `of_mu`, is 1 to 4.
 
-    In float32 and SI units, the square of the Sun's mu is infinite, and XLA forms such products from nested quotients.
-    Powers of two do not change a result.
+    In float32 and SI units, the square of the Sun's mu is infinite. Powers of two do not change a result.
     """
 
     length: Array

@@ -35,8 +35,6 @@ class CircularOrbit(Orbit):
         >>> orbit = ml.orbits.CircularOrbit(position=[7000.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=3.986e5)  # km, s
         >>> round(2 * np.pi / float(orbit.rate) / 60, 2)  # period in minutes
         97.14
-        >>> orbit(jnp.array([0.0, 60.0, 120.0])).shape
-        (3, 3)
     """
 
     position: Float[Array, "*batch 3"]
@@ -54,7 +52,12 @@ class CircularOrbit(Orbit):
         direction = direction * unit(jnp.max(jnp.abs(direction), axis=-1, keepdims=True))[1]
         square = jnp.sum(place**2, axis=-1, keepdims=True)
         along = direction - place * (jnp.sum(direction * place, axis=-1, keepdims=True) / square)
-        _require_across(direction, along)
+        if not cp.is_traced(along):
+            least = 16 * jnp.finfo(along.dtype).eps * jnp.linalg.norm(direction, axis=-1)
+            if not bool(jnp.all(jnp.linalg.norm(along, axis=-1) > least)):
+                raise ValueError(
+                    f"direction must have a part perpendicular to position, got {shown(direction)}; change it."
+                )
         across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
         self.across = across * units.length[..., None]
         self.rate = jnp.sqrt(units.of_mu * mu / square[..., 0] ** 1.5) * units.per_time
@@ -66,14 +69,6 @@ class CircularOrbit(Orbit):
         angle = self.rate * t
         c, s = jnp.cos(angle), jnp.sin(angle)
         return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))
-
-
-def _require_across(direction: Array, across: Array) -> None:
-    if cp.is_traced(across):
-        return
-    least = 16 * jnp.finfo(across.dtype).eps * jnp.linalg.norm(direction, axis=-1)
-    if not bool(jnp.all(jnp.linalg.norm(across, axis=-1) > least)):
-        raise ValueError(f"direction must have a part perpendicular to position, got {shown(direction)}; change it.")
 
 
 class DipoleField(eqx.Module):
@@ -100,7 +95,6 @@ class DipoleField(eqx.Module):
         >>> field = ml.orbits.DipoleField(orbit, moment=[0.0, 0.0, -7.7e22])  # of the Earth, without the tilt
         >>> round(1e6 * float(field(0.0)[2]), 3)  # microtesla to the north, above the equator
         22.449
-        >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)  # on a magnet of 0.1 A m^2
     """
 
     orbit: Callable[[Any], Array]
@@ -115,15 +109,12 @@ class DipoleField(eqx.Module):
         self.turning = None if turning is None else as_finite("turning", turning)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        position, moment = cp.vector(vector_at("orbit", self.orbit, t)), self._moment_at(t)
+        position, moment = cp.vector(vector_at("orbit", self.orbit, t)), cp.vector(self.moment)
+        if self.turning is not None:
+            x, y, z = moment
+            c, s = jnp.cos(self.turning * t), jnp.sin(self.turning * t)
+            moment = c * x - s * y, s * x + c * y, z
         inverse = 1 / jnp.sqrt(cp.dot(position, position))
         e, moment = cp.scale(inverse, position), cp.scale(self.constant * inverse, moment)
         field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
         return cp.pack(cp.scale(inverse, cp.scale(inverse, field)))
-
-    def _moment_at(self, t: Any) -> cp.Vector:
-        x, y, z = cp.vector(self.moment)
-        if self.turning is None:
-            return x, y, z
-        c, s = jnp.cos(self.turning * t), jnp.sin(self.turning * t)
-        return c * x - s * y, s * x + c * y, z

@@ -35,17 +35,16 @@ class KeplerOrbit(Orbit):
 
     Raises:
         ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, a
-            radial velocity, for which there is no orbit past the centre, or a speed that is too small in the units of
-            mu. If such numbers are traced, the positions are NaN where no orbit exists, so `path.ok` is False.
+            radial velocity, or a speed that is too small in the units of mu. If such numbers are traced, the positions
+            are NaN where no orbit exists, so `path.ok` is False.
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s
         >>> round(float(jnp.linalg.norm(orbit(600.0))), 3)  # km, ten minutes after the periapsis
         7173.18
         >>> elements = {"eccentricity": 0.1, "inclination": 0.9, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
-        >>> orbit = ml.orbits.KeplerOrbit.from_elements(
-        ...     mu=3.986e5, periapsis=7000.0, time_of_periapsis=60.0, **elements
-        ... )
+        >>> sized = {"mu": 3.986e5, "periapsis": 7000.0, "time_of_periapsis": 60.0}
+        >>> orbit = ml.orbits.KeplerOrbit.from_elements(**elements, **sized)
     """
 
     position: Float[Array, "*batch 3"]
@@ -102,16 +101,13 @@ class KeplerOrbit(Orbit):
             epoch: the time of the anomaly, by default 0.
 
         Raises:
-            ValueError: not exactly one of the alternatives, an element out of range or not finite; an inclination above
-                pi or another angle above 2 pi, such as one in degrees.
+            ValueError: not exactly one of the alternatives, or an element out of range, such as an angle in degrees.
         """
         mu, e = as_floats("mu", mu), as_not_negative("eccentricity", eccentricity, cure="check its sign.")
         sizes = {"periapsis": periapsis, "semi_major_axis": semi_major_axis, "semi_latus_rectum": semi_latus_rectum}
-        size = _only_one(sizes, "the size of the orbit")
         places = {"time_of_periapsis": time_of_periapsis, "true_anomaly": true_anomaly, "mean_anomaly": mean_anomaly}
-        place = _only_one(places, "where the body is")
         angles = inclination, ascending_node, argument_of_periapsis
-        position, velocity, time = _of_elements(mu, e, *size, *place, angles, epoch)
+        position, velocity, time = _of_elements(mu, e, sizes, places, angles, epoch)
         return cls(position, velocity, mu, time)
 
     def known(self) -> tuple[Array, Array]:
@@ -248,9 +244,9 @@ _ROUNDED = 1e-5  # radians by which an inclination may leave its range
 _ANGLES = "inclination", "ascending_node", "argument_of_periapsis"
 
 
-def _of_elements(
-    mu: Array, e: Array, size_name: str, size: Array, place_name: str, place: Array, angles: Any, epoch: Any
-) -> tuple[Array, Array, Array]:
+def _of_elements(mu: Array, e: Array, sizes: Any, places: Any, angles: Any, epoch: Any) -> tuple[Array, Array, Array]:
+    size_name, size = _only_one(sizes, "the size of the orbit")
+    place_name, place = _only_one(places, "where the body is")
     if size_name == "semi_major_axis":
         fits = _pair(lambda a, e: (a * (1 - e) > 0) & (e != 1), e)
         cure = "a parabola has none: give periapsis."
@@ -276,14 +272,16 @@ def _of_elements(
     else:
         time = place
     inclination, node, argument = map(as_finite, _ANGLES, angles)
-    radians = "give radians, for example by np.deg2rad."
-    require("inclination", inclination, _is_inclination, "must be between 0 and pi", radians)
+    radians, half = "give radians, for example by np.deg2rad.", np.pi / 2
+    require("inclination", inclination, lambda x: abs(x - half) <= half + _ROUNDED, "must be between 0 and pi", radians)
     for name, value in zip(_ANGLES[1:], (node, argument), strict=True):
         require(name, value, _within_a_turn, "must be between -2 pi and 2 pi", radians)
     q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
         *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
     )
-    towards, across = _axes(inclination, node, argument)
+    (ci, si), (cn, sn), (ca, sa) = ((jnp.cos(x), jnp.sin(x)) for x in (inclination, node, argument))
+    towards = (cn * ca - sn * sa * ci, sn * ca + cn * sa * ci, sa * si)  # the periapsis
+    across = (-cn * sa - sn * ca * ci, -sn * sa + cn * ca * ci, ca * si)
     parameter = q * (1 + e)
     distance, speed = parameter / (1 + e * cosine), jnp.sqrt(mu / parameter)
     position = cp.add(cp.scale(distance * cosine, towards), cp.scale(distance * sine, across))
@@ -291,23 +289,11 @@ def _of_elements(
     return cp.pack(position), cp.pack(velocity), time
 
 
-def _is_inclination(angle: np.ndarray) -> Any:
-    return (angle >= -_ROUNDED) & (angle <= np.pi + _ROUNDED)
-
-
 def _within_a_turn(angle: np.ndarray) -> Any:
     return np.abs(angle) <= 2 * np.pi + _ROUNDED
 
 
-def _axes(inclination: Array, node: Array, argument: Array) -> tuple[cp.Vector, cp.Vector]:
-    """The unit vectors towards the periapsis, and across it in the direction of motion there."""
-    (ci, si), (cn, sn), (ca, sa) = ((jnp.cos(x), jnp.sin(x)) for x in (inclination, node, argument))
-    towards = (cn * ca - sn * sa * ci, sn * ca + cn * sa * ci, sa * si)
-    return towards, (-cn * sa - sn * ca * ci, -sn * sa + cn * ca * ci, ca * si)
-
-
 def _pair(holds: Any, e: Array) -> Any:
-    """A condition on an element and the eccentricity; not checked if the eccentricity is traced."""
     return lambda x: True if cp.is_traced(e) else holds(x, np.asarray(e))
 
 

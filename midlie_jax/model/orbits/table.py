@@ -76,8 +76,7 @@ class TableOrbit(_Table, Orbit):
         >>> times = np.arange(0.0, 601.0, 60.0)
         >>> angle = 0.001 * times
         >>> rows = 7000.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)  # (11, 3), from an ephemeris
-        >>> speeds = 7.0 * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=-1)
-        >>> orbit = ml.orbits.TableOrbit(times, rows, speeds)  # without speeds, slopes of the rows
+        >>> orbit = ml.orbits.TableOrbit(times, rows)
         >>> orbit.span[1].item(), round(float(jnp.linalg.norm(orbit(90.0))), 2)
         (600.0, 7000.0)
     """
@@ -108,10 +107,9 @@ class TableField(_Table):
     """A vector field along an orbit from its values at given times, such as the magnetic field of a model.
 
     It is interpolated like a `TableOrbit` without velocities, with an error of order 4 in the time between two rows.
-    Outside its times the field is NaN. A run raises an error before it starts if its times are known.
 
     Attributes:
-        times: ascending, (k,), at least 2.
+        times: as for `TableOrbit`.
         values: the field at these times, space frame, (k, 3); with leading axes for several orbits.
         slopes: its derivatives at these times, computed from the values.
 
@@ -125,7 +123,6 @@ class TableField(_Table):
         >>> field = ml.orbits.TableField(times, jax.vmap(dipole)(times))
         >>> bool(jnp.abs(field(95.0) - dipole(95.0)).max() < 1e-9)  # tesla
         True
-        >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)
     """
 
     values: Float[Array, "*batch k 3"]

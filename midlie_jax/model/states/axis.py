@@ -121,8 +121,6 @@ class AxisState(State):
         >>> top = ml.AxisState.of(start)
         >>> top.momentum.round(4), top.axis.round(4)  # both in space
         (Array([  0.    , -14.776 ,  47.7668], dtype=float64), Array([ 0.    , -0.2955,  0.9553], dtype=float64))
-        >>> ml.observe.kinetic_energy(ml.SymmetricRotor(5.0), top).round(4)  # without the constant of the spin
-        Array(250., dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -161,8 +159,7 @@ class AxisState(State):
 def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:
     """The change of the axis when it rotates and its length then grows by the factor 1 + correction.
 
-    e' - e = sine (u x e) + versine ((u . e) u - |u|^2 e); it is small for a small rotation, and so is its rounding
-    error.
+    e' - e = sine (u x e) + versine ((u . e) u - |u|^2 e); for a small rotation also its rounding error is small.
     """
     u, square, sine, versine = swing
     sine, versine = sine + correction * sine, versine + correction * versine

@@ -13,12 +13,11 @@ from ..._xla import budgets
 from ..._xla.apart import apart
 from ..._xla.fusion import split
 from ..._xla.replay import Traits
-from ..kind import Kind
+from ..kind import Kind, Unrolled
 from ..leaf import Described
 from ..state import State
 from .axis import AxisState
 from .free import FreeAxisState, FreeState
-from .members import Unrolled
 from .rigid import RigidState
 
 
@@ -55,7 +54,11 @@ class SideBySide(Kind):
 
 
 class Coupled(State):
-    """Common part of the states of coupled bodies, mixed into a one-body state: `class Pairs(Coupled, RigidState)`."""
+    """Common part of the states of coupled bodies, mixed into a one-body state: `class Pairs(Coupled, RigidState)`.
+
+    Each array has an axis (N,) for the bodies before its last axis; all have one number N, otherwise a ValueError is
+    raised. The moments and masses of the body have this axis, (N, 3) and (N,), or serve all bodies.
+    """
 
     own_axes: ClassVar[int] = 2
 
@@ -106,14 +109,14 @@ class Coupled(State):
 
 
 class CoupledState(Coupled, FreeState):
-    """N coupled rigid bodies that rotate and translate: 13 N numbers.
+    """N coupled rigid bodies that rotate and translate: 13 N numbers, `FreeState` with an axis for the bodies.
 
     One function returns the wrenches on all bodies, `torque(t, state) -> Wrench((N, 3), (N, 3))`; alternatively,
     `midlie_jax.torques.FromPotential` holds a potential energy. The body is a `FreeBody` with moments (N, 3) and masses
     (N,), or one for all.
 
     Attributes:
-        momentum, attitude, linear, position: as for `FreeState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
+        momentum, attitude, linear, position: as for `FreeState`: (..., N, 3), (..., N, 4).
 
     Raises:
         ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
@@ -125,8 +128,6 @@ class CoupledState(Coupled, FreeState):
         >>> body, gravity = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=4.0), ml.asteroids.MutualGravity(1.0)
         >>> ml.observe.energy(body, gravity, start).round(2)  # -4 x 4 / 10
         Array(-1.61, dtype=float64)
-        >>> start.of_body(1).position
-        Array([10.,  0.,  0.], dtype=float64)
     """
 
     def __init__(self, momentum: Any, attitude: Any, linear: Any, position: Any):
@@ -134,16 +135,10 @@ class CoupledState(Coupled, FreeState):
 
 
 class CoupledRigidState(Coupled, RigidState):
-    """N coupled rigid bodies that rotate, each about a fixed point: 7 N numbers.
+    """N coupled rigid bodies that rotate, each about a fixed point: `RigidState` with an axis for the bodies.
 
-    The function returns the torques (N, 3), each in the frame of its body. The body is a `RigidBody` with moments
-    (N, 3), or one for all.
-
-    Attributes:
-        momentum, attitude: as for `RigidState`, with an axis for the bodies: (..., N, 3), (..., N, 4).
-
-    Raises:
-        ValueError: as for `RigidState`, or the arrays do not have one number N of bodies.
+    The function returns the torques (N, 3), each in the frame of its body. The body is a `RigidBody`. Attributes and
+    errors are as for `CoupledState`, without a translation.
 
     Examples:
         >>> def spring(t, state):
@@ -161,14 +156,8 @@ class CoupledRigidState(Coupled, RigidState):
 class CoupledAxisState(Coupled, AxisState):
     """N coupled symmetric bodies that rotate, each about a fixed point, such as dipoles: 6 N numbers.
 
-    The function returns the torques (N, 3) in the space frame. The body is a `SymmetricRotor` with moments (N,), or one
-    for all.
-
-    Attributes:
-        momentum, axis: as for `AxisState`, with an axis for the bodies: (..., N, 3).
-
-    Raises:
-        ValueError: as for `AxisState`, or the arrays do not have one number N of bodies.
+    The arrays are as for `AxisState`, (..., N, 3). The function returns the torques (N, 3) in the space frame. The body
+    is a `SymmetricRotor` with moments (N,), or one for all. Errors are as for `CoupledState`.
 
     Examples:
         >>> def align(t, state):
@@ -185,14 +174,9 @@ class CoupledAxisState(Coupled, AxisState):
 class CoupledFreeAxisState(Coupled, FreeAxisState):
     """N coupled symmetric bodies that rotate and translate, such as linear molecules: 12 N numbers.
 
-    The function returns a `Wrench` of torques and forces (N, 3), both in the space frame. The body is a `FreeBody` of a
-    `SymmetricRotor` with moments (N,) and masses (N,), or one for all.
-
-    Attributes:
-        momentum, axis, linear, position: as for `FreeAxisState`, with an axis for the bodies: (..., N, 3).
-
-    Raises:
-        ValueError: as for `FreeAxisState`, or the arrays do not have one number N of bodies.
+    The arrays are as for `FreeAxisState`, (..., N, 3). The function returns a `Wrench` of torques and forces (N, 3),
+    both in the space frame. The body is a `FreeBody` of a `SymmetricRotor` with moments and masses (N,), or one for
+    all. Errors are as for `CoupledState`.
 
     Examples:
         >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -89,18 +89,16 @@ class FreeState(TravellingState):
     """The state of a rigid body that rotates and translates: thirteen numbers.
 
     Attributes:
-        momentum: angular momentum Pi about the centre of mass, body frame, (..., 3).
-        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+        momentum, attitude: as for `RigidState`, about the centre of mass.
         linear: linear momentum p = m v, space frame, (..., 3).
         position: position x of the centre of mass, space frame, (..., 3).
 
     Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
+        ValueError: as for `RigidState`.
 
     Examples:
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
-        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81])
-        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> weight, level = ml.torques.UniformGravity([0.0, 0.0, -9.81]), [1.0, 0.0, 0.0, 0.0]
         >>> start = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
         >>> path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100)
         >>> path.states.position[-1].round(3)
@@ -124,13 +122,11 @@ class FreeAxisState(TravellingState):
     """The state of a symmetric body that rotates and translates, with an axis as its pose: twelve numbers.
 
     Attributes:
-        momentum: angular momentum pi about the centre of mass, space frame, (..., 3).
-        axis: unit vector along the axis of symmetry, space frame, (..., 3).
-        linear: linear momentum p = m v, space frame, (..., 3).
-        position: position x of the centre of mass, space frame, (..., 3).
+        momentum, axis: as for `AxisState`, about the centre of mass.
+        linear, position: as for `FreeState`.
 
     Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
+        ValueError: as for `AxisState`.
 
     Examples:
         >>> molecule = ml.FreeBody(ml.SymmetricRotor(1.3, along=0.0), mass=28.0)

@@ -116,7 +116,7 @@ class Rotation(BodyLeaf):
 
     @staticmethod
     def sizes(*arrays: Array) -> tuple[Array, ...]:
-        """The two sizes; the angle is twice the length of the difference of the two unit quaternions."""
+        """The angle is twice the length of the difference of the two unit quaternions."""
         return jnp.sqrt(jnp.sum(arrays[0] ** 2)), 2 * jnp.sqrt(jnp.sum(arrays[1] ** 2))
 
 
@@ -174,8 +174,8 @@ _turn.defjvp(_turn_tangent)
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
     """The change of the attitude by `Rotation.act`, rounded only once.
 
-    If the product and then its length were rounded, the attitude would rotate slightly, in the same direction at every
-    step. The correction of the length accounts for the lengths of both factors.
+    Rounding the product and then its length would rotate the attitude in the same direction at every step. The
+    correction of the length accounts for the lengths of both factors.
     """
     correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
     w, x, y, z = increment
@@ -261,20 +261,17 @@ class CompensatedState(RigidState):
     low parts are saved; `plus` sets them to zero.
 
     Attributes:
-        momentum: body-frame angular momentum Pi, (..., 3).
-        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+        momentum, attitude: as for `RigidState`.
         low_momentum: to be added to the momentum, at most half a unit in its last place, (..., 3); zero by default.
         low_attitude: to be added to the attitude, likewise, (..., 4).
 
     Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not
-            1 to 1e-3.
+        ValueError: as for `RigidState`, also for NaN or infinity.
 
     Examples:
         >>> momentum, attitude = jnp.array([0.0, 0.0, 50.0], "float32"), jnp.array([1.0, 0.0, 0.0, 0.0], "float32")
-        >>> start = ml.CompensatedState(momentum, attitude)
-        >>> start.low_momentum, start.low_attitude  # no rounding errors yet
-        (Array([0., 0., 0.], dtype=float32), Array([0., 0., 0., 0.], dtype=float32))
+        >>> ml.CompensatedState(momentum, attitude).low_momentum  # no rounding errors yet
+        Array([0., 0., 0.], dtype=float32)
     """
 
     low_momentum: Float[Array, "*batch 3"]

@@ -21,8 +21,6 @@ TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form 
 class Torque(eqx.Module, metaclass=BriefHelp):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 
-    `torque(t, state)` is the torque (3,) in the body frame.
-
     Examples:
         >>> class Spring(ml.torques.Torque):  # custom: back to the attitude (1, 0, 0, 0)
         ...     stiffness: float
@@ -36,7 +34,7 @@ class Torque(eqx.Module, metaclass=BriefHelp):
     """
 
     def __call__(self, t: Time, state: Any) -> Any:
-        """The torque (3,) on one body at a time (), in its dtype; or a `Wrench` for a body that translates."""
+        """The torque (3,), body frame, on one body at a time (); or a `Wrench` for a body that translates."""
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
     def potential(self, t: Time, state: Any) -> Array:
@@ -67,7 +65,7 @@ class Torque(eqx.Module, metaclass=BriefHelp):
         return None
 
     def without_gravity(self) -> TorqueLike | None:
-        """The torque without its gravity terms, or None if none is left; see the function of this name."""
+        """The torque without its gravity terms, or None if none is left."""
         return None if self.gravitational else self
 
     def check(self, state: Any) -> None:
@@ -97,8 +95,6 @@ def velocity_dependent(torque: TorqueLike | None) -> bool:
     """Whether the torque is declared to read the momentum, such as `VelocityDependent` and sums that contain it.
 
     Examples:
-        >>> ml.torques.velocity_dependent(ml.torques.HeavyTop(2.0))
-        False
         >>> ml.torques.velocity_dependent(ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25))
         True
     """
@@ -117,8 +113,6 @@ def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])
         >>> ml.torques.on_body(ml.torques.Damping(0.5), body)(0.0, state)  # -0.5 * Omega
         Array([-0.5, -0.5, -0.5], dtype=float64)
-        >>> ml.torques.on_body(None, body) is None
-        True
     """
     return torque.on(body) if isinstance(torque, Torque) else torque
 
@@ -127,9 +121,8 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     """The potential `V(t, state) -> ()` of a torque; a ValueError for a plain callable, which has none.
 
     Examples:
-        >>> potential = ml.torques.potential_of(ml.torques.HeavyTop(2.0))
         >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> potential(0.0, upright).item()
+        >>> ml.torques.potential_of(ml.torques.HeavyTop(2.0))(0.0, upright).item()
         2.0
     """
     if isinstance(torque, Torque):
@@ -138,7 +131,7 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
 
 
 class Sum(Torque):
-    """The sum of several torques.
+    """The sum of several torques, also written `first + second`.
 
     Attributes:
         terms: the torques, each a callable of (t, state); None among the arguments is ignored.
@@ -147,12 +140,9 @@ class Sum(Torque):
         ValueError: no torque is left, or a term cannot be called.
 
     Examples:
-        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)  # the same as ml.torques.Sum(first, second)
+        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)
         >>> [type(term).__name__ for term in torque.terms]
         ['HeavyTop', 'Damping']
-        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])
-        >>> torque.on(ml.RigidBody([2.0, 3.0, 4.0]))(0.0, state)  # upright, so only the damping acts
-        Array([-0.25, -0.25, -0.25], dtype=float64)
     """
 
     terms: tuple[TorqueLike, ...]
@@ -214,9 +204,8 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)
-        >>> kept = ml.torques.kept_terms(torque, lambda term: not ml.torques.velocity_dependent(term))
-        >>> [type(term).__name__ for term in ml.torques.terms_of(kept)]
-        ['HeavyTop']
+        >>> type(ml.torques.kept_terms(torque, ml.torques.velocity_dependent).terms[0]).__name__
+        'Damping'
     """
     if isinstance(torque, Sum):
         return _with_terms(torque, [kept_terms(term, kept) for term in torque.terms])
@@ -233,9 +222,9 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
     """The terms of a sum, at any depth; empty for None.
 
     Examples:
-        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25) + ml.spacecraft.MomentumWheels([0.0, 0.0, 1.0])
-        >>> [type(term).__name__ for term in ml.torques.terms_of(torque)]
-        ['HeavyTop', 'Damping', 'MomentumWheels']
+        >>> torque = ml.torques.HeavyTop(2.0) + (ml.torques.HeavyTop(1.0) + ml.torques.Damping(0.25))
+        >>> len(ml.torques.terms_of(torque))
+        3
     """
     if torque is None:
         return []
@@ -247,7 +236,7 @@ def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
 
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)
-        >>> [type(term).__name__ for term in ml.torques.terms_of(ml.torques.without_gravity(torque))]
-        ['Magnus']
+        >>> type(ml.torques.without_gravity(torque).terms[0]).__name__
+        'Magnus'
     """
     return torque.without_gravity() if isinstance(torque, Torque) else torque

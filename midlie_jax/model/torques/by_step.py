@@ -28,9 +28,6 @@ _SLACK = 16.0  # rounding of a time, in units of eps
 class ByStep(Torque):
     """Base class of functions of time, and torques, that have a constant value in each step of a run."""
 
-    def __call__(self, t: Time, state: Any = None) -> Any:
-        raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
-
     @abstractmethod
     def mean(self, t0: Array, t1: Array, h: Array) -> Any:
         """The mean over the step from t0 to t1 of length h = t1 - t0; finite, though meaningless, for h = 0."""
@@ -46,12 +43,10 @@ class _Constant(Torque):
 class Held(ByStep):
     """Controls: a torque that is constant in intervals of one length, one value for each (a zero-order hold).
 
-    For every method, a step within an interval uses the value of that interval only; a step across its end uses the
-    mean over the step. Let dt of the run be the length of the intervals or an integer fraction of it. The torque is
-    zero before the first interval and after the last one.
-
-    It is also a function of time alone, for torques that accept one, as in `Thrust(force=Held(...), lever=...)`. In a
-    custom function the value is the one at an instant; keep a `Held` in a field of a class, or as a term of the torque.
+    A step within an interval uses the value of that interval only; a step across its end uses the mean over the step.
+    Let dt of the run be the length of the intervals or an integer fraction of it. The torque is zero outside of all
+    intervals. It is also a function of time alone, as in `Thrust(force=Held(...), lever=...)`. In a custom function the
+    value is the one at an instant; keep a `Held` in a field of a class, or as a term of the torque.
 
     Attributes:
         values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. For
@@ -60,8 +55,7 @@ class Held(ByStep):
         t0: the time at which the first interval begins, ().
 
     Raises:
-        ValueError: values of another shape or not finite, or dt not positive and finite. When a run begins: its step is
-            longer than an interval.
+        ValueError: wrong shapes, numbers that are not finite, dt not positive, or a run with a longer step than dt.
 
     Examples:
         >>> controls = ml.torques.Held(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]), dt=10.0)
@@ -118,11 +112,10 @@ class Pulses(ByStep):
     Attributes:
         starts: the start times of the pulses, (P,).
         width: their duration, () or (P,), not negative.
-        torque: the torque, body frame, (3,) or one for each pulse (P, 3); (P, N, 3) for N coupled bodies. For bodies
-            that translate also a `Wrench` of such arrays, with the force in the space frame.
+        torque: as a value of `Held`, (3,) for all or (P, 3), one for each pulse; (P, N, 3) for N coupled bodies.
 
     Raises:
-        ValueError: starts, width or torque of another shape or not finite, or a negative width.
+        ValueError: wrong shapes, numbers that are not finite, or a negative width.
 
     Examples:
         >>> thruster = ml.torques.Pulses(starts=[0.0, 3.0, 6.0], width=0.02, torque=[0.0, 0.0, 5.0])
@@ -177,15 +170,15 @@ class Pulses(ByStep):
 
 def is_by_step(tree: Any) -> bool:
     """Whether a torque, or a part of it at any depth, has a constant value in each step."""
-    return count_by_step(tree) > 0
+    return bool(parts_by_step(tree))
 
 
-def count_by_step(tree: Any) -> int:
-    return sum(map(_is_node, _nodes(tree)))
+def parts_by_step(tree: Any) -> list[ByStep]:
+    return list(filter(_is_node, jax.tree.leaves(tree, is_leaf=_is_node)))
 
 
 def values_in_step(tree: Any, t0: Array, t1: Array, h: Array) -> list[Any]:
-    return [leaf.mean(t0, t1, h) for leaf in _nodes(tree) if _is_node(leaf)]
+    return [part.mean(t0, t1, h) for part in parts_by_step(tree)]
 
 
 def with_values(tree: Any, values: Iterable[Any]) -> Any:
@@ -207,9 +200,9 @@ class OfValues(eqx.Module):
 
 
 def check_steps(tree: Any, h: Any) -> None:
-    """Raises if a step of the run exceeds an interval of a `Held` in the torque, if both are concrete."""
-    for held in (leaf for leaf in _nodes(tree) if isinstance(leaf, Held)):
-        if cp.is_traced(h, held.dt):
+    """Raises if a concrete step of the run exceeds an interval of a `Held` in the torque."""
+    for held in parts_by_step(tree):
+        if not isinstance(held, Held) or cp.is_traced(h, held.dt):
             continue
         longest, shortest = float(np.max(np.abs(np.asarray(h)))), float(np.min(np.asarray(held.dt)))
         if longest > shortest * (1 + _SLACK * float(np.finfo(np.asarray(h).dtype).eps)):
@@ -217,10 +210,6 @@ def check_steps(tree: Any, h: Any) -> None:
                 f"dt must be at most the interval of midlie_jax.torques.Held, {shortest:g}, got {longest:g}; take an "
                 "integer fraction of it."
             )
-
-
-def _nodes(tree: Any) -> list[Any]:
-    return jax.tree.leaves(tree, is_leaf=_is_node)
 
 
 def _is_node(value: Any) -> bool:

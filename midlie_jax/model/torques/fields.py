@@ -55,10 +55,7 @@ class HeavyTop(Torque):
 
 
 def _cross(a: Any, b: Any, factor: Any) -> cp.Vector:
-    """factor a x b without products with a zero number; XLA would keep them, because they could be NaN.
-
-    A component without any product is zero for any factor, so all bodies share it.
-    """
+    """factor a x b without products with a zero number; XLA would keep them, because they could be NaN."""
 
     def zero(x: Any) -> bool:
         return isinstance(x, float) and not x
@@ -75,15 +72,12 @@ def _cross(a: Any, b: Any, factor: Any) -> cp.Vector:
 
 
 class DipoleInField(Torque):
-    """A dipole fixed in the body, in an external field: V = -moment . R^T field.
-
-    Examples are a compass needle and the residual magnetic dipole of a satellite.
+    """A dipole fixed in the body, in an external field: V = -moment . R^T field; for example a compass needle.
 
     Attributes:
         moment: dipole moment, body frame, (3,).
-        field: the field in the space frame, (3,), in units such that moment x field is a torque. A time-dependent field
-            is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; the state must
-            then be a `RigidState`.
+        field: the field in the space frame, (3,), in units such that moment x field is a torque; or a function
+            `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit, for states with an attitude.
 
     Raises:
         ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
@@ -91,8 +85,7 @@ class DipoleInField(Torque):
 
     Examples:
         >>> compass = ml.torques.DipoleInField(moment=[2.0, 0.0, 0.0], field=[0.0, 0.5, 0.0])
-        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> compass(0.0, state)[2].item()  # moment x field
+        >>> compass(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))[2].item()  # moment x field
         1.0
     """
 

@@ -17,9 +17,8 @@ from .reads_body import ReadsBody
 class Prescribed(Torque):
     """A body-frame torque that is a function of time alone.
 
-    The function must be continuous: a method evaluates it at instants, so a jump within a step silently makes the
-    impulse wrong. `midlie_jax.check` finds such jumps. For pulses use `Pulses`, and for controls that are constant in
-    intervals `Held`; both are exact.
+    The function must be continuous: a method evaluates it at instants, so a jump within a step makes the impulse wrong.
+    `midlie_jax.check` finds such jumps. Use `Pulses` and `Held` for torques that jump; both are exact.
 
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
@@ -29,8 +28,7 @@ class Prescribed(Torque):
 
     Examples:
         >>> thruster = ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))
-        >>> state = ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> thruster(2.0, state)
+        >>> thruster(2.0, ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
         Array([0. , 0. , 0.5], dtype=float64)
     """
 
@@ -47,8 +45,7 @@ class FromPotential(Torque):
     """The torque, or the force on particles, of a potential energy, by automatic differentiation.
 
     Attributes:
-        function: `function(t, state) -> ()`, the potential energy; differentiable with respect to the pose of the
-            state. It may use arrays, for example with `midlie_jax.so3.to_matrix`.
+        function: `function(t, state) -> ()`, the potential energy, differentiable with respect to the pose.
 
     Raises:
         ValueError: the function cannot be called.
@@ -58,8 +55,6 @@ class FromPotential(Torque):
         >>> tilted = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.1, 0.0, 0.0])))
         >>> round(float(torque(0.0, tilted)[0]), 6)  # back to the vertical: -5 sin(0.1)
         -0.499167
-        >>> round(float(torque.potential(0.0, tilted)), 6)
-        -4.975021
     """
 
     function: Callable[[Any, Any], Array]
@@ -92,11 +87,8 @@ class VelocityDependent(Torque):
 
     Examples:
         >>> drag = ml.torques.VelocityDependent(lambda t, state: -0.5 * jnp.abs(state.momentum) * state.momentum)
-        >>> state = ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0])
-        >>> drag(0.0, state)
+        >>> drag(0.0, ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0]))
         Array([-0.5, -2. , -8. ], dtype=float64)
-        >>> drag.velocity_dependent
-        True
     """
 
     function: TorqueLike
@@ -119,8 +111,7 @@ class OnEach(ReadsBody):
     """A one-body torque applied to each of several coupled bodies: their weight, a field, drag.
 
     Attributes:
-        torque: a callable of (t, state) with the state of one body, such as `UniformGravity`. All bodies share its
-            parameters.
+        torque: a callable of (t, state) with the state of one body. All bodies share its parameters.
 
     Raises:
         ValueError: the torque cannot be called. When called: the state does not hold coupled bodies.

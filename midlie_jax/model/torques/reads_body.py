@@ -85,8 +85,7 @@ class Damping(ReadsVelocity):
             the first two must be equal, and the body is a `SymmetricRotor(moment, along)`.
 
     Raises:
-        ValueError: a negative or not finite coefficient, or another shape. When a run begins: an `AxisState` with a
-            coefficient that varies across the axis, or a `SymmetricRotor` without `along`.
+        ValueError: a negative or not finite coefficient, or another shape. When a run begins: as above.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
@@ -142,17 +141,15 @@ class BodyTorque(ReadsBody):
     """A torque that is a function of time, state and body: for example of the inertia or the angular velocity.
 
     Attributes:
-        function: `function(t, state, body) -> (3,)`, body frame; `body` is the body passed to `integrate`, and
-            `body.velocity(state.momentum)` is its angular velocity.
+        function: `function(t, state, body) -> (3,)`, body frame; a run passes its body.
 
     Raises:
         ValueError: the function cannot be called.
 
     Examples:
         >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
-        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> brake.on(body)(0.0, state)  # a run passes the body automatically
+        >>> brake.on(ml.RigidBody([2.0, 3.0, 4.0]))(0.0, state)
         Array([-0.5, -0.5, -0.5], dtype=float64)
     """
 

@@ -117,9 +117,8 @@ class _Place:
 class PointMass(_Gravity):
     """Gravity of a point mass at the origin: its force and its gravity gradient.
 
-    V = -mu m/r - mu/(2 r^3) (tr I - 3 u . J u): the force is -mu m u/r^2 with the terms of second order in the size of
-    the body, and the torque 3 mu/r^3 u x I u, in the body frame (Hughes, Spacecraft Attitude Dynamics, section 8.1).
-    Energy and the total angular momentum are conserved.
+    V = -mu m/r - mu/(2 r^3) (tr I - 3 u . J u); the torque is 3 mu/r^3 u x I u, in the body frame (Hughes, Spacecraft
+    Attitude Dynamics, section 8.1). Energy and the total angular momentum are conserved.
 
     Attributes:
         mu: gravitational parameter, (), length^3/time^2.
@@ -191,12 +190,11 @@ class Oblateness(_Gravity):
         ValueError: mu or radius not positive, j2 not finite, or pole not a unit vector. When called: as `PointMass`.
 
     Examples:
-        >>> mu, radius = 3.986e14, 6.378e6  # of the Earth, m^3/s^2 and m
-        >>> earth = ml.torques.PointMass(mu) + ml.torques.Oblateness(mu, radius, j2=1.0826e-3)
+        >>> planet = ml.torques.Oblateness(mu=3.986e14, radius=6.378e6, j2=1.0826e-3)  # the Earth, m^3/s^2 and m
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
         >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
-        >>> [round(float(term.on(body)(0.0, state).force[0]), 4) for term in earth.terms]  # N, above the equator
-        [-81.3469, -0.1097]
+        >>> round(float(planet.on(body)(0.0, state).force[0]), 4)  # N, above the equator
+        -0.1097
     """
 
     mu: Float[Array, "*batch"]
