@@ -16,6 +16,7 @@ from .._math.powers import unit
 from .._xla.rows import sum_over_rows
 from ..drivers.observe.observables import Observable
 from ..model.bodies import Body
+from ..model.free_body import Wrench
 from ..model.state import AnyState, Time
 from ..model.states import TravellingState
 from ..model.surface import (
@@ -32,7 +33,6 @@ from ..model.surface import (
 )
 from ..model.torques import TorqueLike
 from ..model.torques.base import Torque
-from ..model.wrench import Wrench
 
 
 class Scattering(eqx.Module):

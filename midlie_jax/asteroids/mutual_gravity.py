@@ -24,11 +24,10 @@ from jaxtyping import Float
 from .._checks.arguments import as_finite, as_positive, described
 from .._math import components as cp
 from ..model.bodies import RigidBody, TensorBody
-from ..model.free_body import FreeBody
+from ..model.free_body import FreeBody, Wrench
 from ..model.state import AnyState, Time
 from ..model.states import CoupledState
 from ..model.torques.reads_body import ReadsBody
-from ..model.wrench import Wrench
 
 _DEGREES = (0, 2, 3, 4)
 _MOST = 8  # bodies, each pair of which is written out

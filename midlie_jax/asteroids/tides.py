@@ -11,12 +11,12 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_not_negative, as_positive, vector_at
 from .._math import components as cp
+from ..model.free_body import Wrench
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time, require_all_directions
 from ..model.torques.reads_body import ReadsBody
 from ..model.torques.travel import G_TIMES_MASS, travelling
-from ..model.wrench import Wrench
 from .mutual_gravity import require_coupled
 
 

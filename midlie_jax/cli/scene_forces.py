@@ -10,10 +10,10 @@ from jax import Array
 from jaxtyping import Float
 
 from ..model import so3
+from ..model.free_body import Wrench
 from ..model.state import Time
 from ..model.torques import FromPotential, Torque
 from ..model.torques.reads_body import ReadsBody
-from ..model.wrench import Wrench
 from ..molecules.points import sites
 
 _WELL = (np.cos(1.25), np.sin(1.25) / np.sqrt(2.0), 0.0, np.sin(1.25) / np.sqrt(2.0))  # exp(2.5 (1, 0, 1) / sqrt(2))

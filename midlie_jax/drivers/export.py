@@ -11,10 +11,9 @@ from jax import export
 
 from .._lazy import classes_below
 from ..integrators.base import Progress
-from ..model.free_body import Momenta, Place
+from ..model.free_body import Momenta, Place, Wrench
 from ..model.kind import Kind
 from ..model.states.rigid import CompensatedPose
-from ..model.wrench import Wrench
 from .path import Path
 from .results import RESULTS
 

@@ -17,10 +17,10 @@ from .._checks.arguments import as_floats, described, is_unit, require, require_
 from .._math import components as cp
 from ..model import so3
 from ..model.bodies import TensorBody
+from ..model.free_body import Wrench
 from ..model.state import AnyState, attitude_of
 from ..model.states import TravellingState
 from ..model.torques import Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
-from ..model.wrench import Wrench
 from .loss import Loss
 from .measurements import Expected, Measurement, Part, Recorded, Source, source
 

@@ -16,13 +16,12 @@ from .._xla.placement import Placement
 from .._xla.replay import Traced
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath, PreparedSum
-from ..model.free_body import Momenta, Place
+from ..model.free_body import Momenta, Place, Wrench
 from ..model.inertia import Inertia
 from ..model.kind import Inertias, Kind
 from ..model.state import AnyState, P, Q
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 from ..model.torques.by_step import OfValues, parts_by_step, values_in_step, with_values
-from ..model.wrench import Wrench
 
 C = TypeVar("C")
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)

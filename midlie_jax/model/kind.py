@@ -17,9 +17,8 @@ from .._checks.arguments import same_batch
 from .._math import components as cp
 from .._xla.replay import Packed, Traits, by_components
 from .exposure import InBody
-from .free_body import Momenta, Place
+from .free_body import Momenta, Place, Wrench
 from .leaf import Leaf
-from .wrench import Wrench
 
 Leaves = tuple[type[Leaf], ...]
 

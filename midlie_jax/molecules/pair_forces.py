@@ -27,9 +27,9 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats
 from .._math import components as cp
 from .._xla.fusion import split
+from ..model.free_body import Wrench
 from ..model.state import Time
 from ..model.torques.base import Torque
-from ..model.wrench import Wrench
 from .neighbours import Neighbours
 from .points import sites, wrench_on_sites
 

@@ -11,11 +11,10 @@ from .._checks.arguments import as_finite, as_floats, as_not_negative, require, 
 from .._math import components as cp
 from .._math.powers import unit
 from ..model.bodies import RigidBody
-from ..model.free_body import FreeBody
+from ..model.free_body import FreeBody, Wrench
 from ..model.leaf import needs_attitude
 from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
-from ..model.wrench import Wrench
 
 # A moment smaller than the largest by this factor, the spacing of the dtype to this power, is rounding: the points are
 # on a line. Likewise, the sign of a smaller coordinate is rounding.

@@ -26,11 +26,10 @@ from .._math import components as cp
 from .._xla.fusion import begin, fuse
 from ..model import so3
 from ..model.bodies import RigidBody
-from ..model.free_body import FreeBody
+from ..model.free_body import FreeBody, Wrench
 from ..model.state import AnyState, Time
 from ..model.states import CoupledState
 from ..model.torques.base import Torque
-from ..model.wrench import Wrench
 
 _MOST = float(np.sin(np.pi / 8) ** 2)  # the largest x of `_excess`, for a relative rotation of the bodies by pi
 

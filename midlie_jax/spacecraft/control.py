@@ -27,11 +27,11 @@ from .._checks.arguments import (
 from .._math import components as cp
 from ..drivers.stepper import Carry, Stepper
 from ..model import so3
+from ..model.free_body import Wrench
 from ..model.state import AnyState, Time, attitude_of
 from ..model.torques.base import Torque
 from ..model.torques.reads_body import ReadsVelocity, as_gain, knows_axis_alone
 from ..model.torques.travel import acts_on_one, travelling
-from ..model.wrench import Wrench
 
 
 class PDControl(ReadsVelocity):

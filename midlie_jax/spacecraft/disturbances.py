@@ -14,6 +14,7 @@ from .._math import components as cp
 from .._xla.rows import sum_over_rows
 from ..model.baths.base import as_tensor
 from ..model.bodies import RigidBody, TensorBody
+from ..model.free_body import Wrench
 from ..model.orbits import Orbit
 from ..model.orbits.base import check_units
 from ..model.state import AnyState, Time, require_all_directions
@@ -22,7 +23,6 @@ from ..model.torques.base import Torque
 from ..model.torques.fields import to_body_components
 from ..model.torques.reads_body import ReadsBody, ReadsVelocity
 from ..model.torques.travel import G_TIMES_MASS, InAir, through_air, travelling
-from ..model.wrench import Wrench
 
 
 class GravityGradient(ReadsBody):

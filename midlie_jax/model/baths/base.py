@@ -83,12 +83,15 @@ class BathOfBodies(HeatBath):
         return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
 
     def check_kind(self, state: Any, body: Any) -> None:
-        name = type(self).__name__
+        name, kind = type(self).__name__, type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor):
-            kind = type(state).__name__
             raise ValueError(f"{name} acts on rigid bodies and rotors, not on a {kind}; leave out {name}.")
-        if self.numbers:
-            check_travel(name, self.numbers[1], getattr(self, self.numbers[1]), state)
+        if self.numbers and (state.kind.rotation is None) != (getattr(self, self.numbers[1]) is None):
+            raise ValueError(
+                f"a {kind} translates: give {name} the {self.numbers[1]}, or 0 for none."
+                if state.kind.rotation is not None
+                else f"a {kind} does not translate: leave out {self.numbers[1]}."
+            )
         if isinstance(body.turning, SymmetricRotor):
             body.turning.known_along  # noqa: B018 - raises if it is unknown
 
@@ -97,7 +100,8 @@ class BathOfBodies(HeatBath):
         for name in self.numbers:
             value = getattr(self, name)
             if value is not None:
-                shape = shape_of(value, state.momentum.dtype)
+                time = jax.ShapeDtypeStruct((), state.momentum.dtype)
+                shape = jax.eval_shape(value, time).shape if callable(value) else value.shape
                 check_shape(name, shape, state)
                 self.check_numbers(name, shape, state, body)
 
@@ -218,23 +222,9 @@ def at(value: Any, t: Array) -> Array:
     return jnp.where(jnp.any(off > ROUNDED * jnp.max(jnp.abs(numbers))), jnp.nan, numbers)
 
 
-def shape_of(value: Any, dtype: Any) -> tuple[int, ...]:
-    return jax.eval_shape(value, jax.ShapeDtypeStruct((), dtype)).shape if callable(value) else value.shape
-
-
 def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
     count = state.momentum.shape[-2] if state.several else None
     leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
     if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
         wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
         raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
-
-
-def check_travel(bath: str, name: str, value: Any, state: Any) -> None:
-    kind = type(state).__name__
-    if (state.kind.rotation is None) != (value is None):
-        raise ValueError(
-            f"a {kind} translates: give {bath} the {name}, or 0 for none."
-            if state.kind.rotation is not None
-            else f"a {kind} does not translate: leave out {name}."
-        )

@@ -1,4 +1,4 @@
-from ..wrench import Wrench as Wrench
+from ..free_body import Wrench as Wrench
 from .base import Sum as Sum
 from .base import Torque as Torque
 from .base import TorqueLike as TorqueLike

@@ -12,8 +12,8 @@ from jax import Array
 from ..._checks.arguments import shown
 from ..._checks.brief_help import BriefHelp
 from ..._math import components as cp
+from ..free_body import Wrench
 from ..state import Time
-from ..wrench import Wrench
 
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 

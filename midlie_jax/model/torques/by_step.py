@@ -18,8 +18,8 @@ from jaxtyping import Float
 from ..._checks.arguments import as_finite, as_not_negative, as_positive, shown
 from ..._math import components as cp
 from ..._xla.fusion import split
+from ..free_body import Wrench
 from ..state import Time
-from ..wrench import Wrench
 from .base import Torque
 
 _SLACK = 16.0  # rounding of a time, in units of eps

@@ -25,11 +25,10 @@ from ..._checks.arguments import (
     vector_at,
 )
 from ..._math import components as cp
-from ..free_body import FreeBody
+from ..free_body import FreeBody, Wrench
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
-from ..wrench import Wrench
 from .base import Torque
 from .fields import to_body_components
 from .reads_body import ReadsBody, angular_velocity_of
