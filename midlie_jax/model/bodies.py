@@ -42,7 +42,6 @@ def is_symmetric(matrix: np.ndarray) -> bool:
 
 
 def read_as_tensor(name: str) -> str:
-    """Remedy for messages about an array (3, 3) that is not a valid tensor: the other reading of the array."""
     return f"if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})"
 
 
@@ -212,8 +211,6 @@ class TensorBody(Body):
 
     Examples:
         >>> body = ml.TensorBody([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]])
-        >>> body.principal.moments.round(4)
-        Array([1.7929, 3.2071, 4.    ], dtype=float64)
         >>> body.momentum(jnp.array([1.0, 0.0, 1.0])).round(6)  # of an angular velocity, both in your frame
         Array([3. , 0.5, 4. ], dtype=float64)
     """
@@ -336,7 +333,6 @@ class Particles(Unturned):
 
 
 def principal_of(body: Any) -> Any:
-    """The body in its principal axes; any other value unchanged."""
     return body.in_principal_axes() if isinstance(body, Body) else body
 
 
@@ -371,7 +367,6 @@ def _checked_mass(mass: Array) -> Array:
 
 
 def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
-    """Raises unless the mass belongs to an array of this shape and name in one way only."""
     form, values = mass.shape, f"{name} of shape {shape}"
     if is_matrix(mass):
         if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
@@ -397,7 +392,6 @@ _MOST_ROUNDED = 1e-3  # the largest violation relative to the sum of the moments
 
 
 def made_flat(moments: Array, tolerance: float) -> Array:
-    """Moments (..., 3), with the largest lowered to the sum of the others if rounding explains the excess."""
     if cp.is_traced(moments):
         return moments
     rows = np.array(moments).reshape(-1, 3)
@@ -415,6 +409,5 @@ def made_flat(moments: Array, tolerance: float) -> Array:
 
 
 def _last_digit(number: np.floating) -> float:
-    """One unit in the last digit of the shortest decimal representation of a number."""
     mantissa, _, exponent = np.format_float_scientific(number, trim="-").partition("e")
     return 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))

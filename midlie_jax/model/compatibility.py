@@ -34,7 +34,6 @@ def check_body(body: Any, state: AnyState) -> None:
 
 
 def check_custom(name: str, body: Any, state: AnyState) -> None:
-    """Raises unless a custom kind of one body has velocities like its momenta, and rates like its poses."""
     package = __name__.split(".")[0]
     own = all(type(x).__module__.split(".")[0] == package for x in (body, state))
     if own or state.own_axes != 1 or state.several:
@@ -72,7 +71,6 @@ def check_custom(name: str, body: Any, state: AnyState) -> None:
 
 
 def order_cure(body: Any) -> str:
-    """Remedy for messages about a body of the wrong kind that is a torque; otherwise ""."""
     return "; the body comes before the torque" if isinstance(body, Torque) else ""
 
 
@@ -121,7 +119,6 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
 
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
-    """`check_batch` for coupled bodies, whose constants have the axis (N,) of the state or serve every body."""
     axes, count = len(state.batch), state.count
     if axes != batch:
         wanted, cure = "(N, 3)", "map over replicas with jax.vmap, or use midlie_jax.ensemble"

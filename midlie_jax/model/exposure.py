@@ -95,7 +95,6 @@ class PreparedBath(NamedTuple):
         return [(self, b, stage)]
 
     def noise(self, stage: int, like: Any) -> Any:
-        """Standard normal numbers in the form of a momentum, for a stage of the bath in this step, counted from 0."""
         assert self.step is not None
         leaves, structure = jax.tree.flatten(like)
         drawn = normals(self.key, (self.step, stage, self.member), len(leaves), leaves[0].dtype)
@@ -146,7 +145,6 @@ def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | 
 
 
 def kicks(body: Body, diffusion: Array, linear_diffusion: Array | None, time: Array) -> Any:
-    """The effect of noise with a diffusion of momentum in the space frame, in the form of the momentum."""
     turning: Any = body.turning
     angular: Any = _kick(diffusion, time)
     if isinstance(turning, SymmetricRotor):
@@ -185,7 +183,6 @@ def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Ex
 
 
 def _of_number(friction: Array, moment: Array, time: Array) -> tuple[Array, Array]:
-    """(lost, spread) along one principal axis; zero along the axis of a linear molecule, whose moment is zero."""
     thin = moment == 0
     rate = jnp.where(thin, jnp.zeros_like(moment), friction / jnp.where(thin, jnp.ones_like(moment), moment))
     return -jnp.expm1(-rate * time), cp.root(moment) * root_of(-jnp.expm1(-2 * rate * time))
@@ -272,7 +269,6 @@ def _divided(a: Array, b: Array, time: Array) -> Array:
 
 
 def _over(a: Array, b: Array) -> Array:
-    """a / b, and 0 where b is 0, where the derivative is defined as zero, as in `root_of`."""
     zero = b == 0
     return jnp.where(zero, jnp.zeros_like(a * b), a / jnp.where(zero, jnp.ones_like(b), b))
 
@@ -282,7 +278,6 @@ def rows(matrix: Array) -> Any:
 
 
 def product(matrix: Any, vector: cp.Vector) -> cp.Vector:
-    """A matrix, as three rows or as its diagonal, times a vector."""
     if isinstance(matrix[0], tuple):
         x, y, z = (cp.dot(row, vector) for row in matrix)
         return x, y, z

@@ -37,9 +37,6 @@ class Wrench(eqx.Module):
         torque: about the centre of mass, body frame, (..., 3).
         force: space frame, (..., 3).
 
-    Raises:
-        ValueError: wrong shapes or dtypes.
-
     Examples:
         >>> def engine(t, state):
         ...     force = ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0]))

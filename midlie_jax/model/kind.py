@@ -47,7 +47,6 @@ class Kind:
 
     @property
     def turns(self) -> bool:
-        """Whether an increment is a rotation in the body frame and nothing else."""
         return all(leaf.turns for leaf in self.leaves)
 
     @property
@@ -64,7 +63,6 @@ class Kind:
         return tuple(names[0] for names in by_leaf(self.leaves, [field.name for field in fields(self.of)]))
 
     def of_run(self, state: Any, torque: Traits | None) -> "Kind":
-        """The form in which a run moves this state under a torque with these traits."""
         return self
 
     def constants(self, inertia: Any, frame: Any) -> tuple[Any, Any]:
@@ -99,12 +97,10 @@ class Kind:
         return self.join(*self.components((momentum, pose)))
 
     def normalised(self, state: Any) -> Any:
-        """The state with unit vectors and quaternions rescaled to length one, for interpolated arrays."""
         arrays = chain.from_iterable(leaf.normalised(*own) for leaf, own in self._arrays(state))
         return self.of.unchecked(**{field.name: x for field, x in zip(fields(self.of), arrays, strict=True)})
 
     def sizes(self, difference: Any) -> tuple[Array, ...]:
-        """The sizes of the momentum and of the rest (radians) of a small difference of two states, for each leaf."""
         return tuple(chain.from_iterable(leaf.sizes(*own) for leaf, own in self._arrays(difference)))
 
     def _arrays(self, state: Any) -> Iterable[tuple[type[Leaf], tuple[Array, ...]]]:
@@ -141,7 +137,6 @@ class Kind:
     # Steps, as for each leaf
 
     def _map(self, form: Callable[..., Any], function: Callable[..., Any], *trees: Any) -> Any:
-        """function(leaf, *parts) of each leaf, in this form."""
         if len(self.leaves) == 1:
             return function(self.leaves[0], *trees)
         parts = zip(*(repeat(None) if tree is None else tree for tree in trees), strict=False)
@@ -184,7 +179,6 @@ class Kind:
 
 
 def by_leaf(leaves: Leaves, items: Iterable[Any]) -> Sequence[tuple[Any, ...]]:
-    """The items, one for each array of a state, in one tuple for each leaf."""
     rest = iter(items)
     return [tuple(islice(rest, leaf.arrays)) for leaf in leaves]
 
@@ -229,7 +223,6 @@ class Unrolled(Kind):
 
     @property
     def member(self) -> Kind:
-        """The kind of one body; its states are not made."""
         return Kind(self.of, self.leaves)
 
     @property
@@ -282,5 +275,4 @@ def _each(count: int, trees: tuple[Any, ...]) -> Any:
 
 
 def _entry(tree: Any, i: int) -> Any:
-    """The entry of one body in a tree of numbers (N,), or of single numbers that serve every body."""
     return jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, tree)

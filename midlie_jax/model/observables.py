@@ -186,7 +186,6 @@ def position(state: AnyState) -> Float[Array, "*batch 3"]:
 
 
 def _translation(state: Any) -> tuple[Array, Array]:
-    """Momentum and position of the leaf after the rotation."""
     if not isinstance(state, State) or len(state.leaves) < 2:
         raise ValueError(f"a {type(state).__name__} does not translate; use a FreeState or a FreeAxisState.")
     linear, place = (getattr(state, field.name) for field in fields(state)[state.leaves[0].arrays :])
@@ -207,7 +206,6 @@ def _momentum(state: AnyState) -> Any:
 
 
 def axes_of_bodies(body: Body, state: AnyState) -> int:
-    """The number of leading axes that body and state share: axes along which each body has its own states."""
     bodies = state.kind.batch_of(body)
     if not bodies:
         return 0

@@ -68,7 +68,6 @@ def solid_of(corners: Array) -> Solid:
 
 
 def as_faces(value: Any, vertices: int) -> np.ndarray:
-    """The faces as integers (n, 3), checked to be closed and consistently oriented."""
     try:
         faces = np.asarray(value)
     except jax.errors.TracerArrayConversionError as error:
@@ -217,7 +216,6 @@ class Horizon(NamedTuple):
 
 
 def horizon_of(corners: np.ndarray, normals: np.ndarray, azimuths: int, dtype: Any) -> Horizon:
-    """The horizon of triangles (n, 3, 3) with normals (n, 3)."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(normals), axis=1)], normals)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     least = 1e-7 * np.abs(corners - corners.mean((0, 1))).max()
@@ -237,7 +235,6 @@ def horizon_of(corners: np.ndarray, normals: np.ndarray, azimuths: int, dtype: A
 
 
 def _together(high: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Top, bottom and width of a facet, from top and bottom at its points, (points, K)."""
     hidden = high > _FLAT
     some = hidden.any(0)
     if not some.any():
@@ -252,7 +249,6 @@ def _together(high: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _hidden(corners: np.ndarray, azimuths: int) -> tuple[np.ndarray, np.ndarray]:
-    """Top and bottom (K,) of what triangles (m, 3, 3) hide from the origin."""
     corners = corners[(corners[..., 2] > 0).any(1)]
     high, low = np.full((2, len(corners), azimuths), [[[-9.0]], [[9.0]]])
     for triangle, azimuth, elevation in _crossings(corners, azimuths):

@@ -39,8 +39,11 @@ class State(eqx.Module, metaclass=BriefHelp):
         own_axes: the number of trailing axes of each array that belong to one state: 1 for one body, 2 for coupled
             bodies, 0 if the number is not fixed. The others are a batch.
 
+    Raises:
+        ValueError: for every state: wrong shapes or dtypes, NaN or infinity, different leading axes, or a quaternion or
+            unit vector whose length is not 1 to 1e-3.
+
     Examples:
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], [1.0, 0.0, 0.0, 0.0])
         >>> moved = start.plus(jnp.array([0.0, 0.0, 1.0, 0.1, 0.0, 0.0]))  # momentum, then 0.1 rad about e1
         >>> moved.minus(start).round(6)
         Array([0. , 0. , 1. , 0.1, 0. , 0. ], dtype=float64)
@@ -56,7 +59,6 @@ class State(eqx.Module, metaclass=BriefHelp):
 
     @property
     def kind(self) -> Kind:
-        """How a run moves states of this class."""
         return Kind(type(self), self.leaves)
 
     @property
@@ -189,7 +191,6 @@ def attitude_of(state: AnyState) -> Array:
 
 
 def require_all_directions(state: AnyState) -> Any:
-    """The state; a ValueError for a `DirectionState`, which holds one direction only."""
     if hasattr(state, "direction"):
         raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
     return state

@@ -144,9 +144,8 @@ class Surface(eqx.Module):
                 filled, and faces are oriented outwards.
 
         Raises:
-            ImportError: trimesh, which repairs and reads all but tables, is not installed: pip install
-                'midlie_jax[surfaces]'.
-            ValueError: the file does not exist or cannot be read, it holds no triangles, or as for the class.
+            ImportError: trimesh is needed, but not installed: pip install 'midlie_jax[surfaces]'.
+            ValueError: the file cannot be read, it holds no triangles, or as for the class.
         """
         factor = as_positive("scale", scale)
         vertices, faces = read_mesh(path, repair)
@@ -350,7 +349,6 @@ def as_direction(name: str, value: Any) -> Direction:
 
 
 def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
-    """The unit vector in body components; the value of a function is normalised."""
     if not callable(direction):
         return state.seen_from_body(cp.vector(direction))
     vector = cp.vector(vector_at(name, direction, t))
@@ -374,7 +372,6 @@ def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
 
 
 def as_lit_surface(surface: Any) -> Surface:
-    """The argument `surface`; with a warning if its facets should shadow each other, but do not."""
     if not isinstance(surface, Surface):
         raise ValueError(f"surface must be a midlie_jax.Surface, got {described(surface)}.")
     if surface.corners is not None and surface.horizon is None and not cp.is_traced(surface) and not surface.is_convex:
@@ -396,7 +393,6 @@ def with_horizon(columns: tuple[Array, ...], surface: Surface) -> tuple[tuple[Ar
 
 
 def unshadowed(row: Any, columns: int, *directions: cp.Vector) -> Array | float:
-    """The fraction of a facet that sees all directions; `row` begins with the normal, its horizon at `columns`."""
     if len(row) == columns:
         return 1.0
     return reduce(jnp.minimum, [open_sky(row[columns:], direction, row[0:3]) for direction in directions])

@@ -27,6 +27,9 @@ _ROUNDED = 1e-6  # allowed error of correlations, because numbers may have been 
 class Distribution(eqx.Module):
     """The distribution of one quantity over the bodies; its arrays are cast to the dtype of the result.
 
+    Raises:
+        ValueError: for every distribution: arguments that are not of the described shape and range, or not finite.
+
     Examples:
         >>> moments = ml.distributions.LogNormal([5.0, 5.0, 1.0], 0.1)  # a distribution
         >>> ml.scatter(jax.random.key(0), 100, moments=moments)["moments"].shape
@@ -57,9 +60,6 @@ class Normal(Distribution):
         mean: numbers of any shape, the shape of a draw; with a covariance a vector (d,).
         deviation: standard deviations of at least 0, in the unit of the mean; a single number holds for all.
         covariance: (d, d), symmetric positive semi-definite, in place of the deviation.
-
-    Raises:
-        ValueError: both or neither of deviation and covariance, or shapes or numbers other than these.
 
     Examples:
         >>> normal = ml.distributions.Normal([0.0, 0.0, 50.0], deviation=[0.1, 0.1, 1.0])
@@ -103,9 +103,6 @@ class LogNormal(Distribution):
         deviation: relative standard deviations, that is standard deviation over mean, of at least 0; a single number
             holds for all. The mean is median * sqrt(1 + deviation^2).
 
-    Raises:
-        ValueError: shapes or numbers other than these.
-
     Examples:
         >>> mass = ml.distributions.LogNormal(3.0, 0.2)  # half of all masses above 3, and 20 % of deviation
         >>> ml.scatter(jax.random.key(0), 1000, mass=mass)["mass"].shape
@@ -129,9 +126,6 @@ class Uniform(Distribution):
     Args:
         low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
             drawn.
-
-    Raises:
-        ValueError: low exceeds high, shapes that do not fit, or numbers that are not finite.
 
     Examples:
         >>> ml.scatter(jax.random.key(0), 1000, weight=ml.distributions.Uniform(15.0, 25.0))["weight"].shape
@@ -159,9 +153,6 @@ class Joint(Distribution):
     Args:
         mean: a dictionary of names and means, each of any shape.
         covariance: (d, d), symmetric positive semi-definite, of all d numbers in the order of `mean`.
-
-    Raises:
-        ValueError: the mean is not a dictionary or is empty, or as for `Normal`.
 
     Examples:
         >>> both = ml.distributions.Joint({"mass": 3.0, "drag": 1.2}, covariance=[[0.04, 0.01], [0.01, 0.09]])
@@ -239,9 +230,6 @@ class RotationNear(Distribution):
         attitude: unit quaternion (w, x, y, z).
         deviation: standard deviation of the rotation vector in radians, one number or (3,) for the axes of the body.
         covariance: (3, 3) of the rotation vector, in place of the deviation.
-
-    Raises:
-        ValueError: the attitude is not a unit quaternion (4,), or as for `Normal`.
 
     Examples:
         >>> near = ml.distributions.RotationNear([1.0, 0.0, 0.0, 0.0], deviation=0.01)  # radians
@@ -330,7 +318,6 @@ class Key(Distribution):
 
 
 def _as_numbers(name: str, value: Any) -> np.ndarray:
-    """`value` as a finite float64 NumPy array, so that no digit depends on JAX's x64 setting."""
     if cp.is_traced(value):
         raise ValueError(f"{name} is traced; make distributions outside jit, vmap and grad.")
     try:

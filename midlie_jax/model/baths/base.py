@@ -24,7 +24,6 @@ class HeatBath(eqx.Module):
 
     @property
     def keys(self) -> tuple[Any, ...]:
-        """The random keys, or what a tree of this form has in their place."""
         own: Any = self
         return (own.key,)
 
@@ -75,7 +74,6 @@ class BathOfBodies(HeatBath):
         raise NotImplementedError(f"{type(self).__name__} must define effects.")
 
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
-        """The bath prepared for the steps of a run: the coefficients of its stages, a time and its step h."""
         times, words = {b: b * h for b in sorted(coefficients)}, words_of(self.keys[0])
         if any(callable(getattr(self, name)) for name in self.numbers):
             return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
@@ -123,9 +121,6 @@ class Sum(BathOfBodies):
 
     Attributes:
         parts: the baths.
-
-    Raises:
-        ValueError: a part that is no bath of bodies.
 
     Examples:
         >>> keys = jax.random.split(jax.random.key(0))
@@ -189,7 +184,6 @@ def as_coefficient(name: str, value: Any) -> Any:
 
 
 def as_tensor(name: str, value: Any) -> Array:
-    """Finite numbers that are not negative, or symmetric tensors (..., 3, 3) without a negative eigenvalue."""
     numbers = as_finite(name, value)
     if numbers.shape[-2:] != (3, 3) or is_traced(numbers):
         require(name, numbers, lambda x: x >= 0, "must not be negative", "check its sign.")

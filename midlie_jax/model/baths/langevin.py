@@ -127,9 +127,6 @@ class Recoil(BathOfBodies):
         linear_diffusion: of the linear momentum, likewise; for a body that translates, 0 for none. None for a body that
             does not translate.
 
-    Raises:
-        ValueError: as for `Langevin`.
-
     Examples:
         >>> sphere = ml.FreeBody(ml.RigidBody([0.4, 0.4, 0.4]), mass=1.0)
         >>> rest = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])

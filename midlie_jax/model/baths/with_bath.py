@@ -36,7 +36,6 @@ class WithBath(ReadsBody):
 
 
 def with_bath(torque: Any, bath: Any) -> Any:
-    """The torque and the bath together, or the torque alone if there is no bath."""
     if bath is None:
         return torque
     if not isinstance(bath, HeatBath):

@@ -72,7 +72,6 @@ class Orbit(Timed):
 
 
 def check_units(orbit: Any, mu: Any, fastest: float = _LARGEST_RATIO, cure: str = "pass lambda t: orbit(t)") -> None:
-    """Raises if speeds and mu cannot be in the same units: v^2 r / mu is 1 on a circle, above 2 on a hyperbola."""
     rows = orbit.known() if isinstance(orbit, Orbit) else None
     if rows is None or cp.is_traced(rows, mu):
         return

@@ -218,7 +218,6 @@ def _shape(position: cp.Vector, velocity: cp.Vector, mu: Array) -> tuple[Array, 
 
 
 def _from_periapsis(alpha: Array, eccentricity: Array, distance: Array, sigma: Array) -> Array:
-    """s from the periapsis to the epoch; on a circle from any position."""
     root = jnp.sqrt(jnp.abs(alpha) + _least(alpha))
     ellipse = jnp.arctan2(sigma * root, 1 - distance * alpha)
     hyperbola = jnp.arcsinh(sigma * root / jnp.maximum(eccentricity, jnp.asarray(_NEARLY_ROUND, root.dtype)))
@@ -228,7 +227,6 @@ def _from_periapsis(alpha: Array, eccentricity: Array, distance: Array, sigma: A
 def _periapsis(
     r: cp.Vector, v: cp.Vector, distance: Array, sigma: Array, alpha: Array, eccentricity: Array, s: Array
 ) -> tuple[cp.Vector, cp.Vector, Array]:
-    """Position and velocity at the periapsis from the vectors of eccentricity and area; and the time of the epoch."""
     along = _direction(cp.subtract(cp.scale(cp.dot(v, v) - 1 / distance, r), cp.scale(sigma, v)))
     across = _direction(cp.cross(cp.cross(r, v), along))
     u = universal.powers(alpha, s)

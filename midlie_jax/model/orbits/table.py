@@ -29,7 +29,6 @@ class _Table(Timed):
         return self.times[0], self.times[-1]
 
     def _between(self, t: Any, values: Array, slopes: Array) -> Array:
-        """Cubic Hermite interpolation of values (..., k, 3) with their derivatives."""
         times, first, last = self.times, self.times[0], self.times[-1]
         count = times.shape[0]
         if self.even:
@@ -113,9 +112,6 @@ class TableField(_Table):
         values: the field at these times, space frame, (k, 3); with leading axes for several orbits.
         slopes: its derivatives at these times, computed from the values.
 
-    Raises:
-        ValueError: as for `TableOrbit`.
-
     Examples:
         >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)
         >>> dipole = ml.orbits.DipoleField(orbit, moment=[0.0, 0.0, -7.7e22])
@@ -146,7 +142,6 @@ def _as_times(times: Any) -> tuple[Array, bool]:
 
 
 def _require_fitting(times: Array, positions: Array, velocities: Array) -> None:
-    """Raises if every speed differs by a large factor from the positions' differences, as in other units."""
     if cp.is_traced(times, positions, velocities):
         return
     way = np.linalg.norm(np.diff(np.asarray(positions, np.float64), axis=-2), axis=-1)

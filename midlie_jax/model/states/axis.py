@@ -42,8 +42,6 @@ class Swing(NamedTuple):
 
 
 class Axis(UnitVector):
-    """A momentum and an axis of symmetry, both in space."""
-
     in_space: ClassVar[bool] = True
     about: ClassVar[tuple[Described, ...]] = ((("space_axis",), SPATIAL_MOMENTUM), (("space_axis",), AXIS))
 
@@ -114,9 +112,6 @@ class AxisState(State):
         momentum: angular momentum pi in the space frame, (..., 3), including the spin, its part along the axis.
         axis: unit vector e along the axis of symmetry, space frame, (..., 3).
 
-    Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
-
     Examples:
         >>> top = ml.AxisState.of(start)
         >>> top.momentum.round(4), top.axis.round(4)  # both in space
@@ -173,7 +168,6 @@ def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:
 
 
 def _shortest_turn_from_z(axis: Array) -> Array:
-    """The unit quaternion (..., 4) of the smallest rotation from z to the axis; about x if the axis is -z."""
     x, y, z = cp.vector(axis)
     upper = z >= 0
     larger = jnp.sqrt((1 + jnp.abs(z)) / 2)  # the larger of cosine and sine of half the angle

@@ -118,9 +118,6 @@ class CoupledState(Coupled, FreeState):
     Attributes:
         momentum, attitude, linear, position: as for `FreeState`: (..., N, 3), (..., N, 4).
 
-    Raises:
-        ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
-
     Examples:
         >>> still, upright = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
         >>> places = jnp.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])

@@ -39,14 +39,12 @@ class UnitVector(Leaf):
 
 
 def changed(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-    """v + change, the end of a rotation of v, with its length corrected for earlier rounding errors."""
     correction = length_correction(cp.dot(v, v), no_step)
     # The correction points along the new vector; otherwise errors of the length would grow.
     return cp.add(v, cp.add(change, cp.scale(correction, cp.add(v, change))))
 
 
 def turned(v: Array, turn: Array) -> Array:
-    """A unit vector (..., 3), rotated by the vector turn (..., 2) in the plane perpendicular to it."""
     first, second = _across(v)
     across = turn[..., 0:1] * first + turn[..., 1:2] * second
     angle = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
@@ -54,7 +52,6 @@ def turned(v: Array, turn: Array) -> Array:
 
 
 def turn_between(start: Array, end: Array) -> Array:
-    """The rotation (..., 2) with `turned(start, turn)` = end. For opposite vectors, the one along the first axis."""
     axes = _across(start)
     cosine = jnp.sum(end * start, axis=-1, keepdims=True)
     across = end - cosine * start
@@ -111,9 +108,6 @@ class DirectionState(State):
         momentum: body-frame angular momentum Pi, (..., 3).
         direction: the unit vector d in body components, R^T d, (..., 3). For `HeavyTop` d is the upward vertical, for
             `DipoleInField` the direction of the field.
-
-    Raises:
-        ValueError: wrong shapes or dtypes, different leading axes, or a direction whose length is not 1 to 1e-3.
 
     Examples:
         >>> start = ml.DirectionState([0.0, 0.0, 50.0], [0.0, np.sin(0.3), np.cos(0.3)])  # upward vertical, body frame

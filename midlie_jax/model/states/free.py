@@ -93,9 +93,6 @@ class FreeState(TravellingState):
         linear: linear momentum p = m v, space frame, (..., 3).
         position: position x of the centre of mass, space frame, (..., 3).
 
-    Raises:
-        ValueError: as for `RigidState`.
-
     Examples:
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
         >>> weight, level = ml.torques.UniformGravity([0.0, 0.0, -9.81]), [1.0, 0.0, 0.0, 0.0]
@@ -124,9 +121,6 @@ class FreeAxisState(TravellingState):
     Attributes:
         momentum, axis: as for `AxisState`, about the centre of mass.
         linear, position: as for `FreeState`.
-
-    Raises:
-        ValueError: as for `AxisState`.
 
     Examples:
         >>> molecule = ml.FreeBody(ml.SymmetricRotor(1.3, along=0.0), mass=28.0)

@@ -42,9 +42,6 @@ class ParticleState(State):
         momentum: p, of any shape that fits the mass, such as (n,) or (n, 3).
         position: u, of the same shape.
 
-    Raises:
-        ValueError: different shapes, wrong dtypes, or NaN or infinity.
-
     Examples:
         >>> def spring(t, state):
         ...     return -8.0 * state.position

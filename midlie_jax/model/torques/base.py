@@ -21,6 +21,10 @@ TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form 
 class Torque(eqx.Module, metaclass=BriefHelp):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 
+    Raises:
+        ValueError: for every torque: arguments that are not of the described shape and range, or functions that cannot
+            be called. When called: the state lacks what the torque reads.
+
     Examples:
         >>> class Spring(ml.torques.Torque):  # custom: back to the attitude (1, 0, 0, 0)
         ...     stiffness: float
@@ -135,9 +139,6 @@ class Sum(Torque):
 
     Attributes:
         terms: the torques, each a callable of (t, state); None among the arguments is ignored.
-
-    Raises:
-        ValueError: no torque is left, or a term cannot be called.
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)

@@ -84,7 +84,6 @@ class Held(ByStep):
         middle = jnp.floor((low + high) / 2)
 
         def share(over: Array) -> Array:
-            """The part of the step beyond an end of the interval in its middle."""
             return jnp.where(over > slack, over, 0) / jnp.where(length > 0, length, 1)
 
         before, after = share(middle - low), share(high - middle - 1)
@@ -113,9 +112,6 @@ class Pulses(ByStep):
         starts: the start times of the pulses, (P,).
         width: their duration, () or (P,), not negative.
         torque: as a value of `Held`, (3,) for all or (P, 3), one for each pulse; (P, N, 3) for N coupled bodies.
-
-    Raises:
-        ValueError: wrong shapes, numbers that are not finite, or a negative width.
 
     Examples:
         >>> thruster = ml.torques.Pulses(starts=[0.0, 3.0, 6.0], width=0.02, torque=[0.0, 0.0, 5.0])
@@ -169,7 +165,6 @@ class Pulses(ByStep):
 
 
 def is_by_step(tree: Any) -> bool:
-    """Whether a torque, or a part of it at any depth, has a constant value in each step."""
     return bool(parts_by_step(tree))
 
 
@@ -200,7 +195,6 @@ class OfValues(eqx.Module):
 
 
 def check_steps(tree: Any, h: Any) -> None:
-    """Raises if a concrete step of the run exceeds an interval of a `Held` in the torque."""
     for held in parts_by_step(tree):
         if not isinstance(held, Held) or cp.is_traced(h, held.dt):
             continue
@@ -217,7 +211,6 @@ def _is_node(value: Any) -> bool:
 
 
 def _slack(place: Array) -> Array:
-    """The rounding of a time that is the end of an interval, in intervals."""
     return _SLACK * cp.epsilon(place) * (1 + jnp.abs(place))
 
 

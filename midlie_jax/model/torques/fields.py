@@ -22,13 +22,9 @@ class HeavyTop(Torque):
         mgl: m g l, mass times gravity times the distance l from the pivot to the centre of mass, (), torque; not m g.
         axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
-    Raises:
-        ValueError: mgl not finite, or axis not a unit vector. When called: the state does not hold this direction.
-
     Examples:
-        >>> torque = ml.torques.HeavyTop(mgl=2.0)
         >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))  # rotated about x
-        >>> round(float(torque(0.0, lying)[0]), 6)  # the weight rotates the top further about x
+        >>> round(float(ml.torques.HeavyTop(mgl=2.0)(0.0, lying)[0]), 6)  # the weight rotates the top further about x
         2.0
     """
 

@@ -23,9 +23,6 @@ class Prescribed(Torque):
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
 
-    Raises:
-        ValueError: the function cannot be called.
-
     Examples:
         >>> thruster = ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))
         >>> thruster(2.0, ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
@@ -46,9 +43,6 @@ class FromPotential(Torque):
 
     Attributes:
         function: `function(t, state) -> ()`, the potential energy, differentiable with respect to the pose.
-
-    Raises:
-        ValueError: the function cannot be called.
 
     Examples:
         >>> torque = ml.torques.FromPotential(lambda t, state: -5.0 * ml.so3.to_matrix(state.attitude)[2, 2])
@@ -82,9 +76,6 @@ class VelocityDependent(Torque):
     Attributes:
         function: `function(t, state) -> (3,)`, body frame.
 
-    Raises:
-        ValueError: the function cannot be called.
-
     Examples:
         >>> drag = ml.torques.VelocityDependent(lambda t, state: -0.5 * jnp.abs(state.momentum) * state.momentum)
         >>> drag(0.0, ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0]))
@@ -112,9 +103,6 @@ class OnEach(ReadsBody):
 
     Attributes:
         torque: a callable of (t, state) with the state of one body. All bodies share its parameters.
-
-    Raises:
-        ValueError: the torque cannot be called. When called: the state does not hold coupled bodies.
 
     Examples:
         >>> weight = ml.torques.OnEach(ml.torques.UniformGravity([0.0, 0.0, -10.0]))

@@ -50,12 +50,10 @@ class ReadsVelocity(ReadsBody):
 
 
 def knows_axis_alone(state: AnyState) -> bool:
-    """Whether momentum and torque are in the space frame, and the state holds only the axis of symmetry of the body."""
     return state.leaves[0].in_space
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
-    """The angular velocity in the frame of the momentum; with the spin of a `SymmetricRotor`, from `along`."""
     turning = body.turning
     velocity = cp.vector(turning.velocity(state.momentum))
     if not isinstance(turning, SymmetricRotor):
@@ -83,9 +81,6 @@ class Damping(ReadsVelocity):
     Attributes:
         coefficient: torque per angular velocity, () or one for each body axis (3,), not negative. For an `AxisState`
             the first two must be equal, and the body is a `SymmetricRotor(moment, along)`.
-
-    Raises:
-        ValueError: a negative or not finite coefficient, or another shape. When a run begins: as above.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
@@ -142,9 +137,6 @@ class BodyTorque(ReadsBody):
 
     Attributes:
         function: `function(t, state, body) -> (3,)`, body frame; a run passes its body.
-
-    Raises:
-        ValueError: the function cannot be called.
 
     Examples:
         >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))

@@ -64,9 +64,6 @@ class UniformGravity(_Gravity):
     Attributes:
         acceleration: g, space frame, (3,), length/time^2, such as (0, 0, -9.81).
 
-    Raises:
-        ValueError: acceleration not of shape (..., 3) or not finite. When called: body and state do not translate.
-
     Examples:
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
         >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 3.0])
@@ -185,9 +182,6 @@ class Oblateness(_Gravity):
         pole: unit vector along the axis of the planet, space frame, (3,); by default z.
         gradient: as for `PointMass`.
 
-    Raises:
-        ValueError: mu or radius not positive, j2 not finite, or pole not a unit vector. When called: as `PointMass`.
-
     Examples:
         >>> planet = ml.torques.Oblateness(mu=3.986e14, radius=6.378e6, j2=1.0826e-3)  # the Earth, m^3/s^2 and m
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
@@ -255,10 +249,6 @@ class Magnus(ReadsBody):
     Attributes:
         strength: force per angular velocity and velocity, (), mass.
         wind: velocity of the air, space frame, (3,), or a function `wind(t) -> (3,)`; None for air at rest.
-
-    Raises:
-        ValueError: strength not finite, or wind of another shape. When called: body and state do not translate, or a
-            `SymmetricRotor` has no `along`.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
