@@ -35,7 +35,7 @@ from ..model.exposure import PreparedBath, in_principal_axes, product, rows
 from ..model.free_body import Place
 from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
-from ..model.states.axis import Swing
+from ..model.states.unit_vector import Swing
 from .base import Method
 from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict

@@ -14,7 +14,7 @@ from ..._math import components as cp
 from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc_of_square
 from ...model.bodies import Body
 from ...model.rotor import RotorInertia, SymmetricRotor
-from ...model.states.axis import Swing
+from ...model.states.unit_vector import Swing
 from .base import JudgedFlight
 
 

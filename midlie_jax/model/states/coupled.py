@@ -16,9 +16,9 @@ from ..._xla.replay import Traits
 from ..kind import Kind, Unrolled
 from ..leaf import Described
 from ..state import State
-from .axis import AxisState
 from .free import FreeAxisState, FreeState
 from .rigid import RigidState
+from .unit_vector import AxisState
 
 
 class SideBySide(Kind):

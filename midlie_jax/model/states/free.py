@@ -13,8 +13,8 @@ from ..free_body import FreeBody
 from ..kind import Leaves
 from ..leaf import Described, Leaf
 from ..state import State, require_own
-from .axis import Axis, AxisState
 from .rigid import RigidState, Rotation
+from .unit_vector import Axis, AxisState
 
 
 class Translation(Leaf):
