@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
 from midlie_jax.integrators.schemes import BATH, SCHEMES
-from midlie_jax.model.baths.with_bath import WithBath
+from midlie_jax.model.torques.reads_body import WithBath
 
 torques, orbits = ml.torques, ml.orbits
 DT, T0, BODIES = 1 / 64, 0.3, 3

@@ -26,8 +26,7 @@ from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.integrators.registry import entries
-from midlie_jax.model.baths.with_bath import without_bath
-from midlie_jax.model.torques.reads_body import ReadsBody
+from midlie_jax.model.torques.reads_body import ReadsBody, without_bath
 
 STEPS = 66
 # Units in the last place of the largest number of a state. A method that solves equations stops a few units away from

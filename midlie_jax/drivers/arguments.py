@@ -25,12 +25,12 @@ from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
 from ..integrators.base import Method
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import without_bath
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_custom, check_state, check_torque
 from ..model.orbits.base import orbits_in
 from ..model.torques import Torque
 from ..model.torques.by_step import check_steps
+from ..model.torques.reads_body import without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 

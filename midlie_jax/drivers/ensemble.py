@@ -15,13 +15,13 @@ from .._xla.mesh import row_of
 from .._xla.structure import once
 from ..integrators.base import Method
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike
 from ..model.torques.by_step import is_by_step
+from ..model.torques.reads_body import with_bath, without_bath
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
 from .derivatives import Adjoint, as_adjoint

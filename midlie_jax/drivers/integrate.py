@@ -17,10 +17,10 @@ from .._xla.platform import on_cpu
 from ..integrators.base import Method, Progress
 from ..integrators.verdict import UNSTABLE, at_start, earlier
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
+from ..model.torques.reads_body import with_bath
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .bad_start import finite_start, nan_unless
 from .clock import time_of

@@ -14,10 +14,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.baths.with_bath import WithBath
 from ..model.free_body import Momenta
 from ..model.state import AnyState
 from ..model.torques import on_body
+from ..model.torques.reads_body import WithBath
 
 AUTO = "auto"
 RULE = (

@@ -18,10 +18,10 @@ from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..integrators.verdict import at_start
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import with_bath, without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
+from ..model.torques.reads_body import with_bath, without_bath
 from .arguments import as_first_step, as_method, as_scalar, check_clock, check_step, check_system
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .derivatives import Adjoint, Steps, as_adjoint

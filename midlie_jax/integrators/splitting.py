@@ -13,10 +13,10 @@ from .._xla.keep import kept, recomputed
 from .._xla.placement import Placement
 from .._xla.platform import on_cpu
 from ..model.baths.base import BathOfBodies
-from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.kind import Kind
 from ..model.state import AnyState
+from ..model.torques.reads_body import without_bath
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known

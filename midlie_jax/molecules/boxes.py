@@ -21,11 +21,11 @@ from ..drivers.path import Path, end_alone
 from ..drivers.stepper import Carry, carried_on, stepper
 from ..integrators.base import Method
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
+from ..model.torques.reads_body import with_bath
 from .pair_forces import PairForces
 from .points import sites
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._checks.arguments import shown
 from ..drivers.ensemble import Batch
-from ..model.baths.with_bath import without_bath
+from ..model.torques.reads_body import without_bath
 from .plan import Plan
 from .variables import MOST_IN_ATTRIBUTES, parameter, parameters
 

@@ -23,10 +23,10 @@ from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, carried_on
 from ..integrators.base import Method
 from ..model.baths.base import HeatBath
-from ..model.baths.with_bath import with_bath
 from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
+from ..model.torques.reads_body import with_bath
 from . import plan as cuts
 from . import variables
 from .attributes import attributes_of, checked_attributes

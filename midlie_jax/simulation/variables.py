@@ -15,7 +15,7 @@ from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
 from ..drivers.observe.series import Series
 from ..drivers.tables import COORDINATES, named
-from ..model.baths.with_bath import without_bath
+from ..model.torques.reads_body import without_bath
 from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 
 MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable

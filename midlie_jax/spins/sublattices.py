@@ -22,11 +22,11 @@ from ..integrators.scheme import BATH as BATH
 from ..integrators.scheme import KICK as KICK
 from ..integrators.scheme import Scheme
 from ..integrators.system import AnyMotion, Motion, System
-from ..model.baths.with_bath import without_bath
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import kept_terms, on_body, terms_of
 from ..model.torques.by_step import is_by_step
+from ..model.torques.reads_body import without_bath
 from .checkered import Checkered, CheckeredSpins, can_be_checkered
 from .fields import Anisotropy, AppliedField, NeighbourField, OwnField, SpinField, in_dtype_of
 from .state import Spins, SpinState, checkerboard

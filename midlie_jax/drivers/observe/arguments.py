@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ...model.baths.with_bath import without_bath
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike, on_body
+from ...model.torques.reads_body import without_bath
 from .observables import Observable, as_observable
 from .series import Series
 from .several import several

@@ -1,4 +1,4 @@
-"""Torques that read the body, its moments or its angular velocity, and their binding to a body."""
+"""Torques that read the body, and their binding to a body; `WithBath`, the torque and the heat bath of a run."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,11 +8,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_not_negative, require_function
+from ..._checks.arguments import as_not_negative, described, require_function
 from ..._math import components as cp
+from ..baths.base import HeatBath
 from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
-from .base import Torque, no_potential
+from .base import Torque, TorqueLike, no_potential, on_body, potential_of, velocity_dependent
 
 
 class ReadsBody(Torque):
@@ -152,3 +153,39 @@ class BodyTorque(ReadsBody):
 
     def at(self, t: Time, state: Any, body: Any) -> Array:
         return self.function(t, state, body)
+
+
+class WithBath(ReadsBody):
+    torque: TorqueLike | None
+    bath: HeatBath
+
+    def at(self, t: Time, state: Any, body: Any) -> Any:
+        self.bath.check_on(state, body)
+        return jnp.zeros_like(state.momentum) if self.torque is None else on_body(self.torque, body)(t, state)
+
+    def potential_at(self, t: Time, state: Any, body: Any) -> Array:
+        if self.torque is None:
+            return jnp.zeros((), state.momentum.dtype)
+        return potential_of(on_body(self.torque, body))(t, state)
+
+    def check(self, state: Any) -> None:
+        self.bath.check(state)
+        if isinstance(self.torque, Torque):
+            self.torque.check(state)
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return velocity_dependent(self.torque)
+
+
+def with_bath(torque: Any, bath: Any) -> Any:
+    if bath is None:
+        return torque
+    if not isinstance(bath, HeatBath):
+        cure = "; add baths with a + b" if isinstance(bath, list | tuple) else ""
+        raise ValueError(f"bath must be a midlie_jax.baths.Langevin or None, got {described(bath)}{cure}.")
+    return WithBath(torque, bath)
+
+
+def without_bath(torque: Any) -> tuple[Any, HeatBath | None]:
+    return (torque.torque, torque.bath) if isinstance(torque, WithBath) else (torque, None)
