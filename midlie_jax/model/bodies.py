@@ -283,7 +283,7 @@ class Particles(Unturned):
     The nodes of a deformable solid are also particles; docs/solids.md shows an example.
 
     Attributes:
-        mass: positive masses in one of the forms
+        mass: positive masses, whose shape must fit the positions in one way only, in one of the forms
 
             - (): one for all coordinates;
             - (n,): one for each coordinate of positions (n,); or for each column of positions (k, n), if k is not n;
@@ -292,8 +292,7 @@ class Particles(Unturned):
             - (n, n): a symmetric positive definite matrix for positions (n,), stored as its lower Cholesky factor.
 
     Raises:
-        ValueError: the mass has another shape, is not positive, or is not symmetric positive definite. When a run
-            starts, or in `velocity` and `momentum`: its shape does not fit the positions, or is ambiguous.
+        ValueError: a mass of another form, or, in `velocity`, `momentum` and runs, one that does not fit the positions.
 
     Examples:
         >>> three = ml.Particles([[1.0], [2.0], [3.0]])  # a mass for each

@@ -173,9 +173,13 @@ def in_principal_axes(friction: Array, frame: Any) -> Array:
 
 def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Exposure:
     if friction.shape[-2:] == (3, 3):
-        lost, spread = _of_tensor(friction, cp.pack(moments), time)
-        spread = spread if root is None else root * spread
-        return Exposure(rows(lost), rows(spread))
+        # From the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2.
+        roots = jnp.sqrt(cp.pack(moments))
+        masses = roots[..., :, None] * roots[..., None, :]
+        scaled = jnp.broadcast_to(friction, jnp.broadcast_shapes(friction.shape, masses.shape)) / masses
+        lost, spread = _functions(scaled, time)
+        lost, spread = roots[..., :, None] * lost / roots[..., None, :], roots[..., :, None] * spread
+        return Exposure(rows(lost), rows(spread if root is None else root * spread))
     each = cp.vector(friction) if friction.ndim else (friction,) * 3
     pairs = [_of_number(g, moment, time) for g, moment in zip(each, moments, strict=True)]
     spread = tuple(s if root is None else root * s for _, s in pairs)
@@ -186,15 +190,6 @@ def _of_number(friction: Array, moment: Array, time: Array) -> tuple[Array, Arra
     thin = moment == 0
     rate = jnp.where(thin, jnp.zeros_like(moment), friction / jnp.where(thin, jnp.ones_like(moment), moment))
     return -jnp.expm1(-rate * time), cp.root(moment) * root_of(-jnp.expm1(-2 * rate * time))
-
-
-def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Array]:
-    """(lost, spread) of a tensor, as matrices, from the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2."""
-    roots = jnp.sqrt(moments)
-    masses = roots[..., :, None] * roots[..., None, :]
-    scaled = jnp.broadcast_to(friction, jnp.broadcast_shapes(friction.shape, masses.shape)) / masses
-    lost, spread = _functions(scaled, time)
-    return roots[..., :, None] * lost / roots[..., None, :], roots[..., :, None] * spread
 
 
 @jax.custom_jvp

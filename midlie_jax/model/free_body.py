@@ -41,8 +41,7 @@ class Wrench(eqx.Module):
         >>> def engine(t, state):
         ...     force = ml.so3.rotate(state.attitude, jnp.array([0.0, 0.0, 2.0]))
         ...     return ml.torques.Wrench(torque=jnp.zeros(3), force=force)
-        >>> upside_down = ml.FreeState([0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
-        >>> engine(0.0, upside_down).force[2]
+        >>> engine(0.0, ml.RigidState([0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0])).force[2]  # upside down
         Array(-2., dtype=float64)
     """
 

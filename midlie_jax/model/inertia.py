@@ -20,16 +20,14 @@ class Inertia(NamedTuple):
     Attributes:
         moments, inverses: I and 1/I.
         per_unit: 1 / the largest moment.
-        relative: I * per_unit.
-        spins: 1 / relative, at least 1; the angular velocity is spins * per_unit * momentum.
-        quartic: (I_k - I_j)^2 / (12 I_i) * per_unit, the coefficients of the second term of the free body's generating
-            function (`flights/symplectic_midpoint.py`).
+        relative, spins: I * per_unit, and its inverses, at least 1; the velocity is spins * per_unit * momentum.
+        quartic: (I_k - I_j)^2 / (12 I_i) * per_unit, of the second term of the free body's generating function
+            (`flights/symplectic_midpoint.py`).
         gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic; Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
         middle: the unit vector along the axis of the middle moment.
 
     Examples:
-        >>> inertia = ml.flights.Inertia.of(ml.RigidBody([2.0, 3.0, 4.0]))
-        >>> jnp.stack(inertia.velocity((2.0, 6.0, 12.0)))  # of a momentum as a tuple of scalars
+        >>> jnp.stack(ml.flights.Inertia.of(ml.RigidBody([2.0, 3.0, 4.0])).velocity((2.0, 6.0, 12.0)))
         Array([1., 2., 3.], dtype=float64)
     """
 

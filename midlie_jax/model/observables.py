@@ -132,9 +132,8 @@ def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
         state: a state with an attitude or an axis, otherwise a ValueError is raised; for a path its `states`.
 
     Examples:
-        >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> ml.observe.spatial_momentum(start).round(4)
-        Array([ 10.    , -14.776 ,  47.7668], dtype=float64)
+        Array([  0.    , -14.776 ,  47.7668], dtype=float64)
     """
     return state.spatial_momentum()
 
@@ -146,8 +145,7 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
         state: a `FreeState` or `FreeAxisState`, for a path its `states`; a ValueError if the state does not translate.
 
     Examples:
-        >>> level = [1.0, 0.0, 0.0, 0.0]
-        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], [1.0, 0.0, 0.0, 0.0], [12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
         >>> ml.observe.linear_momentum(thrown)
         Array([12.,  0.,  9.], dtype=float64)
     """
@@ -161,8 +159,8 @@ def linear_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     Arguments and errors are as for `kinetic_energy`; a state that does not translate is also an error.
 
     Examples:
-        >>> brick, level = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0), [1.0, 0.0, 0.0, 0.0]
-        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], [1.0, 0.0, 0.0, 0.0], [12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
         >>> ml.observe.linear_velocity(brick, thrown)
         Array([4., 0., 3.], dtype=float64)
     """
@@ -177,8 +175,7 @@ def position(state: AnyState) -> Float[Array, "*batch 3"]:
         state: as for `linear_momentum`. For coupled bodies the positions are (..., N, 3).
 
     Examples:
-        >>> level = [1.0, 0.0, 0.0, 0.0]
-        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], [1.0, 0.0, 0.0, 0.0], [12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
         >>> ml.observe.position(thrown)
         Array([0. , 0. , 1.5], dtype=float64)
     """

@@ -42,8 +42,7 @@ _CENTRED = 1e-5  # the largest distance of the origin from the centre of mass, i
 class Surface(eqx.Module):
     """Flat facets of a body, convex or not: for light curves, sunlight and air drag.
 
-    Facets shadow each other only after `with_shadows`, and light is scattered once. Vertices, semi-axes and lengths may
-    be traced.
+    Facets shadow each other only after `with_shadows`, and light is scattered once. Vertices and lengths may be traced.
 
     Attributes:
         areas: of the facets, (n,), length^2.
@@ -63,8 +62,6 @@ class Surface(eqx.Module):
 
     Examples:
         >>> box = ml.Surface.box([0.1, 0.1, 0.3])
-        >>> box.count, round(float(box.volume), 6)
-        (6, 0.003)
         >>> body, surface = box.principal(density=1000.0)  # moments ascending, and the same box in that frame
         >>> body.moments.round(6)
         Array([0.005, 0.025, 0.025], dtype=float64)
@@ -155,16 +152,12 @@ class Surface(eqx.Module):
     def ellipsoid(cls, semi_axes: Any, facets: int = 1280) -> "Surface":
         """An ellipsoid along the axes of the frame, made of tangent facets.
 
-        The facets divide the unit sphere nearly evenly (a divided icosahedron) and are stretched with it. Each facet
-        has the vector area of its part of the ellipsoid. Volume, centre and inertia are exact, and the vector areas add
-        up to zero. The visible area converges with the number of facets, and all is smooth in the semi-axes.
+        The facets divide the unit sphere nearly evenly and are stretched with it. Each has the vector area of its part
+        of the ellipsoid. Volume, centre and inertia are exact; the visible area converges with the number of facets.
 
         Args:
-            semi_axes: (3,), length.
+            semi_axes: (3,), length, positive.
             facets: the least number of facets; 20 k^2 are made, for the smallest k.
-
-        Raises:
-            ValueError: semi-axes not positive and of shape (3,), or `facets` not a positive integer.
         """
         axes = _lengths("semi_axes", semi_axes)
         directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(as_count("facets", facets)))
@@ -244,7 +237,14 @@ class Surface(eqx.Module):
 
     def body(self, density: Any) -> TensorBody:
         """The homogeneous body in the frame of the surface; a ValueError unless the origin is its centre of mass."""
-        self._require_centred()
+        solid = self._inside()
+        if not cp.is_traced(solid):
+            centre, radius = np.asarray(solid.centre), np.sqrt(np.trace(np.asarray(solid.spread)))
+            if np.linalg.norm(centre) > _CENTRED * radius:
+                raise ValueError(
+                    f"the origin must be the centre of mass, which is at {centre}; use surface.centred(), also for the "
+                    "torques on the body."
+                )
         return TensorBody(self.inertia(density))
 
     def principal(self, density: Any) -> tuple[RigidBody, "Surface"]:
@@ -281,14 +281,11 @@ class Surface(eqx.Module):
         """The surface whose facets shadow and hide each other, in light and in the wind of `FreeMolecularDrag`.
 
         Each facet gets a horizon: the elevations that the rest of the surface hides, at these azimuths. A facet
-        is lit in part, smoothly. The shadows move along with the state and its derivatives, but have no derivative
-        with respect to the shape. Two gaps above each other at one azimuth count as hidden.
+        is lit in part, smoothly. The shadows have no derivative with respect to the shape. Two gaps above each other at
+        one azimuth count as hidden. A ValueError is raised if the facets are not triangles, or are traced.
 
         Args:
             azimuths: 64 for errors of about 0.02 magnitudes in shadows of 0.4 (docs/surfaces.md); fewer are not faster.
-
-        Raises:
-            ValueError: the facets are not triangles, or are traced.
         """
         if self.corners is None:
             raise ValueError("shadows need triangles; make every part of the surface of vertices and faces.")
@@ -324,17 +321,6 @@ class Surface(eqx.Module):
         if self.solid is None:
             raise ValueError("volume and inertia need a closed surface, made of faces; this one has open panels.")
         return self.solid
-
-    def _require_centred(self) -> None:
-        solid = self._inside()
-        if cp.is_traced(solid):
-            return
-        radius = np.sqrt(np.trace(np.asarray(solid.spread)))
-        if np.linalg.norm(np.asarray(solid.centre)) > _CENTRED * radius:
-            raise ValueError(
-                f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; use "
-                "surface.centred(), also for the torques on the body."
-            )
 
 
 Direction = Array | Callable[[Any], Array]

@@ -38,15 +38,10 @@ class Distribution(eqx.Module):
 
     @abstractmethod
     def draw(self, key: Array, body: Array, dtype: Any) -> Any:
-        """The value of one body: an array, or a tree of arrays, without the axis of bodies.
+        """The value of one body: an array, or a tree of arrays, in `dtype`, without the axis of bodies.
 
-        This method is mapped over blocks of bodies and compiled. XLA may round a long computation in one loop
-        differently for another number of threads; `RotationNear` shows how to divide the loop.
-
-        Args:
-            key: the typed key of this quantity and body.
-            body: index of the body, an integer ().
-            dtype: the dtype of the result and of the parameters.
+        This method is mapped over blocks of bodies, with a typed key and the index of each body, and compiled. XLA may
+        round a long loop differently for another number of threads; `RotationNear` shows how to divide the loop.
         """
 
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
@@ -104,7 +99,7 @@ class LogNormal(Distribution):
             holds for all. The mean is median * sqrt(1 + deviation^2).
 
     Examples:
-        >>> mass = ml.distributions.LogNormal(3.0, 0.2)  # half of all masses above 3, and 20 % of deviation
+        >>> mass = ml.distributions.LogNormal(3.0, 0.2)
         >>> ml.scatter(jax.random.key(0), 1000, mass=mass)["mass"].shape
         (1000,)
     """
@@ -124,8 +119,7 @@ class Uniform(Distribution):
     """Numbers between two bounds, independent and each uniform.
 
     Args:
-        low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
-            drawn.
+        low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` can be drawn.
 
     Examples:
         >>> ml.scatter(jax.random.key(0), 1000, weight=ml.distributions.Uniform(15.0, 25.0))["weight"].shape
@@ -146,9 +140,7 @@ class Uniform(Distribution):
 
 
 class Joint(Distribution):
-    """Several jointly normal quantities, with the correlations of one covariance matrix.
-
-    A draw is a dictionary with the names and shapes of the mean.
+    """Several jointly normal quantities; a draw is a dictionary with the names and shapes of the mean.
 
     Args:
         mean: a dictionary of names and means, each of any shape.

@@ -28,8 +28,8 @@ class CircularOrbit(Orbit):
         mu: gravitational parameter, (), length^3/time^2.
 
     Raises:
-        ValueError: position or direction not of shape (..., 3) or not finite, a position at the origin, a direction
-            along the position, or mu not positive.
+        ValueError: wrong shapes, numbers that are not finite, a position at the origin, a direction along the position,
+            or mu not positive.
 
     Examples:
         >>> orbit = ml.orbits.CircularOrbit(position=[7000.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=3.986e5)  # km, s
@@ -76,9 +76,9 @@ class DipoleField(eqx.Module):
 
     `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
 
-    The moment may rotate about z with the planet. For the Earth it is (-3.75e21, 1.203e22, -7.605e22) A m^2 in an
-    Earth-fixed frame, 7.7e22 A m^2 to the south with a tilt of 9.4 degrees (P. Alken and others, Earth Planets Space 73
-    (2021) 49), and rotates at 7.292115e-5 rad/s.
+    For the Earth, the moment is (-3.75e21, 1.203e22, -7.605e22) A m^2 in an Earth-fixed frame, 7.7e22 A m^2 to the
+    south with a tilt of 9.4 degrees (P. Alken and others, Earth Planets Space 73 (2021) 49), and rotates at
+    7.292115e-5 rad/s.
 
     Attributes:
         orbit: the position in the space frame, `orbit(t) -> (3,)`, length.
@@ -88,7 +88,7 @@ class DipoleField(eqx.Module):
             east; None for a moment fixed in space.
 
     Raises:
-        ValueError: moment not of shape (..., 3), or moment, constant or turning not finite.
+        ValueError: wrong shapes, or numbers that are not finite.
 
     Examples:
         >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)  # m, s

@@ -28,8 +28,7 @@ class KeplerOrbit(Orbit):
     equally accurate, including on a circle and on a parabola.
 
     Attributes:
-        position: the position at the epoch, (3,), length.
-        velocity: the velocity at the epoch, (3,), length/time.
+        position, velocity: at the epoch, (3,), length and length/time.
         mu: gravitational parameter, (), length^3/time^2.
         epoch: the time at which the orbit has this position and velocity, (), by default 0.
 
@@ -42,9 +41,6 @@ class KeplerOrbit(Orbit):
         >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s
         >>> round(float(jnp.linalg.norm(orbit(600.0))), 3)  # km, ten minutes after the periapsis
         7173.18
-        >>> elements = {"eccentricity": 0.1, "inclination": 0.9, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
-        >>> sized = {"mu": 3.986e5, "periapsis": 7000.0, "time_of_periapsis": 60.0}
-        >>> orbit = ml.orbits.KeplerOrbit.from_elements(**elements, **sized)
     """
 
     position: Float[Array, "*batch 3"]
@@ -83,8 +79,9 @@ class KeplerOrbit(Orbit):
         """The orbit with these elements; numbers, or arrays (...) of the elements of several orbits.
 
         Give one of `periapsis`, `semi_major_axis` and `semi_latus_rectum`, and one of `time_of_periapsis`,
-        `true_anomaly` and `mean_anomaly`. Periapsis and its time serve every orbit. The time of the periapsis and the
-        mean anomaly give the most accurate result, because `position` and `velocity` are then taken at the periapsis.
+        `true_anomaly` and `mean_anomaly`; otherwise, or for an element out of range, a ValueError is raised. The time
+        of the periapsis and the mean anomaly give the most accurate result, as `position` and `velocity` are then taken
+        at the periapsis.
 
         Args:
             mu: gravitational parameter, length^3/time^2.
@@ -100,8 +97,9 @@ class KeplerOrbit(Orbit):
             mean_anomaly: time since the periapsis at the epoch times sqrt(mu / |a|^3), radians; not for a parabola.
             epoch: the time of the anomaly, by default 0.
 
-        Raises:
-            ValueError: not exactly one of the alternatives, or an element out of range, such as an angle in degrees.
+        Examples:
+            >>> shape = {"eccentricity": 0.1, "inclination": 0.9, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
+            >>> orbit = ml.orbits.KeplerOrbit.from_elements(mu=4e5, periapsis=7e3, time_of_periapsis=60.0, **shape)
         """
         mu, e = as_floats("mu", mu), as_not_negative("eccentricity", eccentricity, cure="check its sign.")
         sizes = {"periapsis": periapsis, "semi_major_axis": semi_major_axis, "semi_latus_rectum": semi_latus_rectum}

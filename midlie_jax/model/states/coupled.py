@@ -56,8 +56,7 @@ class SideBySide(Kind):
 class Coupled(State):
     """Common part of the states of coupled bodies, mixed into a one-body state: `class Pairs(Coupled, RigidState)`.
 
-    Each array has an axis (N,) for the bodies before its last axis; all have one number N, otherwise a ValueError is
-    raised. The moments and masses of the body have this axis, (N, 3) and (N,), or serve all bodies.
+    Each array has an axis (N,) for the bodies before its last axis; a ValueError is raised for different numbers N.
     """
 
     own_axes: ClassVar[int] = 2
@@ -109,17 +108,14 @@ class Coupled(State):
 
 
 class CoupledState(Coupled, FreeState):
-    """N coupled rigid bodies that rotate and translate: 13 N numbers, `FreeState` with an axis for the bodies.
+    """N coupled rigid bodies that rotate and translate: 13 N numbers.
 
-    One function returns the wrenches on all bodies, `torque(t, state) -> Wrench((N, 3), (N, 3))`; alternatively,
-    `midlie_jax.torques.FromPotential` holds a potential energy. The body is a `FreeBody` with moments (N, 3) and masses
-    (N,), or one for all.
-
-    Attributes:
-        momentum, attitude, linear, position: as for `FreeState`: (..., N, 3), (..., N, 4).
+    The arrays are as for `FreeState`, (..., N, 3) and (..., N, 4). One function returns the wrenches on all bodies,
+    `torque(t, state) -> Wrench((N, 3), (N, 3))`, or `midlie_jax.torques.FromPotential` holds a potential energy. The
+    body is a `FreeBody` with moments (N, 3) and masses (N,), or one for all.
 
     Examples:
-        >>> still, upright = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+        >>> still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
         >>> places = jnp.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
         >>> start = ml.CoupledState(still, upright, linear=still, position=places)
         >>> body, gravity = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=4.0), ml.asteroids.MutualGravity(1.0)
@@ -132,10 +128,10 @@ class CoupledState(Coupled, FreeState):
 
 
 class CoupledRigidState(Coupled, RigidState):
-    """N coupled rigid bodies that rotate, each about a fixed point: `RigidState` with an axis for the bodies.
+    """N coupled rigid bodies that rotate, each about a fixed point: 7 N numbers.
 
-    The function returns the torques (N, 3), each in the frame of its body. The body is a `RigidBody`. Attributes and
-    errors are as for `CoupledState`, without a translation.
+    The arrays are as for `RigidState`, (..., N, 3) and (..., N, 4). The function returns the torques (N, 3), each in
+    the frame of its body. The body is a `RigidBody` with moments (N, 3), or one for all.
 
     Examples:
         >>> def spring(t, state):
@@ -154,7 +150,7 @@ class CoupledAxisState(Coupled, AxisState):
     """N coupled symmetric bodies that rotate, each about a fixed point, such as dipoles: 6 N numbers.
 
     The arrays are as for `AxisState`, (..., N, 3). The function returns the torques (N, 3) in the space frame. The body
-    is a `SymmetricRotor` with moments (N,), or one for all. Errors are as for `CoupledState`.
+    is a `SymmetricRotor` with moments (N,), or one for all.
 
     Examples:
         >>> def align(t, state):
@@ -172,13 +168,11 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
     """N coupled symmetric bodies that rotate and translate, such as linear molecules: 12 N numbers.
 
     The arrays are as for `FreeAxisState`, (..., N, 3). The function returns a `Wrench` of torques and forces (N, 3),
-    both in the space frame. The body is a `FreeBody` of a `SymmetricRotor` with moments and masses (N,), or one for
-    all. Errors are as for `CoupledState`.
+    both in the space frame. The body is a `FreeBody` of a `SymmetricRotor`, with moments and masses () or (N,).
 
     Examples:
         >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        >>> places = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
-        >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=places)
+        >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=jnp.array([[0.0] * 3, [0.0, 0.0, 3.0]]))
         >>> ml.molecules.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # two atoms of the second body
         Array([[ 0. , -0.5,  3. ],
                [ 0. ,  0.5,  3. ]], dtype=float64)

@@ -46,8 +46,7 @@ class ParticleState(State):
         >>> def spring(t, state):
         ...     return -8.0 * state.position
         >>> ball, start = ml.Particles(2.0), ml.ParticleState(momentum=[0.0], position=[1.0])
-        >>> path = ml.integrate("Verlet", ball, spring, start, dt=0.001, steps=1000)
-        >>> path.states.position[-1].round(4)  # cos(2)
+        >>> ml.integrate("Verlet", ball, spring, start, dt=0.001, steps=1000).states.position[-1].round(4)  # cos(2)
         Array([-0.4161], dtype=float64)
     """
 

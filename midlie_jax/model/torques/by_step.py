@@ -51,11 +51,8 @@ class Held(ByStep):
     Attributes:
         values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. For
             bodies that translate also a `Wrench` of such arrays, with the force in the space frame.
-        dt: the length of an interval, (), positive. A longer step of the run gives NaN.
+        dt: the length of an interval, (), positive; a longer step of the run is an error, or gives NaN if traced.
         t0: the time at which the first interval begins, ().
-
-    Raises:
-        ValueError: wrong shapes, numbers that are not finite, dt not positive, or a run with a longer step than dt.
 
     Examples:
         >>> controls = ml.torques.Held(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]), dt=10.0)

@@ -75,10 +75,6 @@ class DipoleInField(Torque):
         field: the field in the space frame, (3,), in units such that moment x field is a torque; or a function
             `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit, for states with an attitude.
 
-    Raises:
-        ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
-            the field changes and the state is a `DirectionState`.
-
     Examples:
         >>> compass = ml.torques.DipoleInField(moment=[2.0, 0.0, 0.0], field=[0.0, 0.5, 0.0])
         >>> compass(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))[2].item()  # moment x field

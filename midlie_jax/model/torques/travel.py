@@ -65,11 +65,10 @@ class UniformGravity(_Gravity):
         acceleration: g, space frame, (3,), length/time^2, such as (0, 0, -9.81).
 
     Examples:
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
-        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 3.0])
-        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81]).on(body)
-        >>> round(float(weight(0.0, state).force[2]), 6), round(float(weight.potential(0.0, state)), 6)
-        (-98.1, 294.3)
+        >>> body, still = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0), [0.0, 0.0, 0.0]
+        >>> state = ml.FreeState(still, [1.0, 0.0, 0.0, 0.0], still, position=[0.0, 0.0, 3.0])
+        >>> round(float(ml.torques.UniformGravity([0.0, 0.0, -9.81]).on(body)(0.0, state).force[2]), 6)
+        -98.1
     """
 
     acceleration: Float[Array, "*batch 3"]
@@ -317,10 +316,6 @@ class Drag(InAir):
         velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
             length/time; None for the velocity of a `FreeState`.
         wind: with `velocity` None, the velocity of the air, in the same forms; None for air at rest.
-
-    Raises:
-        ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
-            When called: as for `DipoleInField`; without `velocity`, body and state do not translate.
 
     Examples:
         >>> drag = ml.torques.Drag(lever=[0.0, 0.0, 0.5], area=2.0, density=1e-11, velocity=[7600.0, 0.0, 0.0])
