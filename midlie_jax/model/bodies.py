@@ -303,7 +303,21 @@ class Particles(Unturned):
     mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n 1"] | Float[Array, "1 n"] | Float[Array, "n n"]
 
     def __init__(self, mass: Any):
-        self.mass = _checked_mass(as_floats("mass", mass))
+        mass = as_floats("mass", mass)
+        if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
+            raise ValueError(
+                f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; flatten the positions, or "
+                "map over a batch with jax.vmap."
+            )
+        if is_matrix(mass):
+            require_finite("mass", mass)
+            require("mass", mass, lambda m: np.allclose(m, m.T, rtol=1e-6), "must be symmetric", "pass (M + M.T) / 2.")
+            mass = jnp.linalg.cholesky(mass)
+            if not cp.is_traced(mass) and not np.all(np.isfinite(mass)):
+                raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
+        else:
+            require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
+        self.mass = mass
 
     def is_possible(self) -> Array:
         """A matrix that is not positive definite has no Cholesky factor."""
@@ -346,23 +360,6 @@ def all_positive(numbers: Array) -> Array:
 
 def is_matrix(mass: Array) -> bool:
     return mass.ndim == 2 and mass.shape[0] == mass.shape[1]
-
-
-def _checked_mass(mass: Array) -> Array:
-    if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
-        raise ValueError(
-            f"mass must be a scalar, (n,), (n, 1), (1, n) or (n, n), got {mass.shape}; flatten the positions, or map "
-            "over a batch with jax.vmap."
-        )
-    if not is_matrix(mass):
-        require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
-        return mass
-    require_finite("mass", mass)
-    require("mass", mass, lambda m: np.allclose(m, m.T, rtol=1e-6), "must be symmetric", "pass (M + M.T) / 2.")
-    factor = jnp.linalg.cholesky(mass)
-    if not cp.is_traced(factor) and not np.all(np.isfinite(factor)):
-        raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
-    return factor
 
 
 def _check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:

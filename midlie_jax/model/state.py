@@ -98,8 +98,7 @@ class State(eqx.Module, metaclass=BriefHelp):
     def unchecked(cls, **arrays: Any) -> Any:
         """The state with these arrays, unchecked, because the arrays of a failed run may hold NaN."""
         state = object.__new__(cls)
-        for name, array in arrays.items():
-            object.__setattr__(state, name, array)
+        vars(state).update(arrays)
         return state
 
     @classmethod
@@ -184,9 +183,9 @@ def require_own(body: Any, states: type[State]) -> None:
 
 
 def attitude_of(state: AnyState) -> Array:
-    if not hasattr(state, "attitude"):
+    attitude: Any = getattr(state, "attitude", None)
+    if attitude is None:
         raise needs_attitude(state)
-    attitude: Array = getattr(state, "attitude")  # noqa: B009
     return attitude
 
 

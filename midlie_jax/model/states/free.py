@@ -57,11 +57,7 @@ class TravellingState(State):
     @classmethod
     def made(cls, turning: Any, linear: Any, position: Any) -> Any:
         made: Any = cls
-        return made(*(getattr(turning, name) for name in cls._of_rotation()), linear, position)
-
-    @classmethod
-    def _of_rotation(cls) -> list[str]:
-        return list(cls.rotation.described())
+        return made(*(getattr(turning, name) for name in cls.rotation.described()), linear, position)
 
     @classmethod
     def belongs_to(cls, body: Any) -> bool:
@@ -79,7 +75,7 @@ class TravellingState(State):
     @property
     def turning(self) -> Any:
         """The rotational state, about the centre of mass; unchecked, because a failed run may hold NaN."""
-        return self.rotation.unchecked(**{name: getattr(self, name) for name in self._of_rotation()})
+        return self.rotation.unchecked(**{name: getattr(self, name) for name in self.rotation.described()})
 
     def spatial_momentum(self) -> Array:
         return jnp.cross(self.position, self.linear) + super().spatial_momentum()

@@ -160,8 +160,7 @@ class Sum(Torque):
         return reduce(_sum, [term(t, state) for term in self.terms])
 
     def potential(self, t: Time, state: Any) -> Array:
-        parts = [potential_of(term)(t, state) for term in self.terms]
-        return sum(parts[1:], start=parts[0])
+        return reduce(operator.add, [potential_of(term)(t, state) for term in self.terms])
 
     @property
     def velocity_dependent(self) -> bool:
