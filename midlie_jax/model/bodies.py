@@ -144,17 +144,12 @@ class RigidBody(Body):
         """The body with a full inertia tensor, and its principal axes. `TensorBody` converts automatically.
 
         Args:
-            tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body,
-                mass x length^2.
-            physical: as for the class.
+            tensor, physical: as for `TensorBody`, in some frame G fixed in the body.
 
         Returns:
             The body, with ascending moments, and rotation matrices `axes` (..., 3, 3) whose columns are the principal
             axes in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
             attitude R of G becomes R @ axes. Derivatives are NaN where moments are equal.
-
-        Raises:
-            ValueError: as for `TensorBody`.
         """
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)

@@ -30,15 +30,15 @@ class OrbitalDistance(eqx.Module):
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.
-        reference: the distance at which the density is 1, (), length.
+        reference: the distance at which the density is 1, (), length, positive.
         power: exponent, a static Python float.
-        longest: the longest step, in steps at the reference, (): the step far out is at most `longest * dt`.
+        longest: the longest step, far out, in steps at the reference, (), positive.
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[1.0, 0.0, 0.0], velocity=[0.0, 1.3, 0.0], mu=1.0)
         >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_variable_step
-        >>> round(float(density(0.0, start)), 4), round(float(density(10.0, start)), 4)  # steps are longer far out
-        (1.0, 0.1037)
+        >>> round(float(density(10.0, start)), 4)  # steps are longer far out
+        0.1037
     """
 
     orbit: Callable[[Any], Array]

@@ -85,11 +85,8 @@ class FreeBody(Body):
     """A body that rotates about its centre of mass and translates.
 
     Attributes:
-        body: the rotating body: a `RigidBody`, a `TensorBody` or a `SymmetricRotor`.
-        mass: its mass, (), or (...) with the batch of the body. One mass serves all bodies of a batch.
-
-    Raises:
-        ValueError: `body` is of another kind, the mass is not positive, or its shape differs from the batch.
+        body: the rotating body: a `RigidBody`, a `TensorBody` or a `SymmetricRotor`; otherwise a ValueError.
+        mass: its mass, (), or (...) with the batch of the body, positive. One mass serves all bodies of a batch.
 
     Examples:
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
@@ -143,13 +140,10 @@ class FreeBody(Body):
             parts: a list of (body, mass, position) or (body, mass, position, attitude) in one common frame. `body` is a
                 `RigidBody` or `TensorBody` with the moments about its own centre of mass, or None for a point mass.
                 `position` (3,) is its centre of mass, `attitude` the quaternion from the part's frame to the common
-                frame, by default none.
+                frame, by default none. A batch, or another form, is a ValueError.
 
         Returns:
             The body, a `FreeBody` of a `TensorBody` in the directions of the common frame, and its centre of mass (3,).
-
-        Raises:
-            ValueError: a part is of another form, or has a batch; or as for `FreeBody`.
 
         Examples:
             >>> panel = ml.RigidBody([60.0, 4.0, 56.0])

@@ -25,8 +25,7 @@ class Leaf:
         has_pose: whether there is a pose; without one, a flight need not compute the rotation.
         turns: whether an increment is a rotation in the body frame, as a quaternion.
         in_space: whether the momentum is in the space frame although the body rotates.
-        compensated: whether it stores the rounding errors of its sums; two flights with such sums do not fit one
-            compiled loop.
+        compensated: whether it stores rounding errors; two flights with such sums do not fit one compiled loop.
         about: for files: for each array, the name of its last dimension, and its long_name, units and frame.
 
     Examples:

@@ -30,7 +30,7 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state, which may have leading batch axes; for a path its `states`.
+        state: any state of this body, which may have leading batch axes; for a path its `states`.
 
     Returns:
         (...) for momenta of shape (..., 3); () for particles.

@@ -48,8 +48,7 @@ class SymmetricRotor(Body):
             does not depend on it, but a torque may, such as `PointMass`.
 
     Raises:
-        ValueError: the moment is not positive, or out of range; or `along` is negative, larger than 2 I1, or of another
-            shape.
+        ValueError: the moment is not positive, or out of range; `along` is not between 0 and 2 I1, or of another shape.
 
     Examples:
         >>> rotor, top = ml.SymmetricRotor(5.0), ml.AxisState.of(start)

@@ -119,9 +119,6 @@ class Sum(BathOfBodies):
     `Langevin(...) + Recoil(...)`, the heat of the recoil is right to a factor x/sinh(x), x = G h/I. The noise does not
     repeat if baths share a key.
 
-    Attributes:
-        parts: the baths.
-
     Examples:
         >>> keys = jax.random.split(jax.random.key(0))
         >>> both = ml.baths.Langevin(1.0, 0.5, keys[0]) + ml.baths.Recoil(0.2, keys[1])

@@ -38,22 +38,19 @@ class Langevin(Warm, BathOfBodies):
     Attributes:
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
         friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
-            `RigidBody` or `SymmetricRotor`, or a symmetric tensor (3, 3) in the frame of the body. For coupled bodies,
-            numbers and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor. Or a
-            function of time t that returns one of these.
+            `RigidBody` or `SymmetricRotor`, or a symmetric tensor (3, 3), positive semi-definite, in the frame of the
+            body; for coupled bodies also (N, 3) and (N, 3, 3). Or a function of time t that returns one of these.
         key: a typed key, `jax.random.key(seed)`; for an ensemble one for each body, `jax.random.split(key, n)`.
-        linear_friction: g, force per velocity, likewise; for a body that translates, 0 for none. Three numbers or a
-            tensor rotate with the body. None for a body that does not translate.
+        linear_friction: g, force per velocity, likewise, also in the frame of the body; for a body that translates, 0
+            for none. None for a body that does not translate.
 
     Raises:
-        ValueError: a negative temperature; a friction that is negative, not symmetric or not positive semi-definite, or
-            of another shape; a key that is not typed. When a run begins: several keys for one body; `linear_friction`
-            missing or superfluous; a friction that does not fit the state; or a method without the stage.
+        ValueError: arguments of other forms. When a run begins: several keys for one body; `linear_friction` missing or
+            superfluous; a friction that does not fit the state; or a method without the stage.
 
     Examples:
         >>> bath = ml.baths.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
-        >>> top, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> bool(ml.integrate("SYMMETRIC[BAOAB]", top, None, start, dt=0.1, steps=100, bath=bath).ok)
+        >>> bool(ml.integrate("SYMMETRIC[BAOAB]", body, None, start, dt=0.001, steps=100, bath=bath).ok)
         True
     """
 

@@ -54,11 +54,10 @@ class Orbit(Timed):
         return jax.jvp(self, (t,), (jnp.ones_like(t),))[1]
 
     def lvlh(self, t: Any) -> Float[Array, "*batch 4"]:
-        """The local frame at time t, as the quaternion from its components to space, (..., 4): z points down.
+        """The local frame LVLH of CCSDS at time t, as the quaternion from its components to space, (..., 4).
 
         z points to the origin of the orbit (nadir), y against the orbital angular momentum, and x completes the frame;
-        on a circle x is the direction of flight. This frame is called LVLH in CCSDS messages. As a target of
-        `midlie_jax.spacecraft.PDControl` it gives nadir pointing.
+        on a circle x is the direction of flight. `midlie_jax.spacecraft.PDControl` accepts it as a target.
 
         Examples:
             >>> orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)

@@ -33,9 +33,8 @@ class KeplerOrbit(Orbit):
         epoch: the time at which the orbit has this position and velocity, (), by default 0.
 
     Raises:
-        ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, a
-            radial velocity, or a speed that is too small in the units of mu. If such numbers are traced, the positions
-            are NaN where no orbit exists, so `path.ok` is False.
+        ValueError: wrong shapes, numbers that are not finite, mu not positive, a radial velocity, or a speed too small
+            in the units of mu. If such numbers are traced, the positions are NaN, so `path.ok` is False.
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s

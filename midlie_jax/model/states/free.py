@@ -90,11 +90,9 @@ class FreeState(TravellingState):
         position: position x of the centre of mass, space frame, (..., 3).
 
     Examples:
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
-        >>> weight, level = ml.torques.UniformGravity([0.0, 0.0, -9.81]), [1.0, 0.0, 0.0, 0.0]
-        >>> start = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
-        >>> path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100)
-        >>> path.states.position[-1].round(3)
+        >>> body, weight = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), 3.0), ml.torques.UniformGravity([0.0, 0.0, -9.81])
+        >>> start = ml.FreeState([0.1, 3.0, 0.2], [1.0, 0.0, 0.0, 0.0], [12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100).states.position[-1].round(3)
         Array([ 4.   ,  0.   , -0.405], dtype=float64)
     """
 
@@ -119,10 +117,8 @@ class FreeAxisState(TravellingState):
         linear, position: as for `FreeState`.
 
     Examples:
-        >>> molecule = ml.FreeBody(ml.SymmetricRotor(1.3, along=0.0), mass=28.0)
-        >>> start = ml.FreeAxisState(  # without spin: momentum and axis at right angles
-        ...     momentum=[0.0, 2.6, 0.0], axis=[1.0, 0.0, 0.0], linear=[0.0, 0.0, 14.0], position=[0.0, 0.0, 0.0]
-        ... )
+        >>> molecule, still = ml.FreeBody(ml.SymmetricRotor(1.3, along=0.0), mass=28.0), [0.0, 0.0, 0.0]
+        >>> start = ml.FreeAxisState([0.0, 2.6, 0.0], axis=[1.0, 0.0, 0.0], linear=[0.0, 0.0, 14.0], position=still)
         >>> ml.observe.linear_velocity(molecule, start)
         Array([0. , 0. , 0.5], dtype=float64)
     """
