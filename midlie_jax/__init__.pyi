@@ -36,9 +36,9 @@ from .model import so3 as so3
 from .model import torques as torques
 from .model.bodies import Particles as Particles
 from .model.bodies import RigidBody as RigidBody
+from .model.bodies import SymmetricRotor as SymmetricRotor
 from .model.bodies import TensorBody as TensorBody
 from .model.free_body import FreeBody as FreeBody
-from .model.rotor import SymmetricRotor as SymmetricRotor
 from .model.states import AxisState as AxisState
 from .model.states import CompensatedState as CompensatedState
 from .model.states import CoupledAxisState as CoupledAxisState

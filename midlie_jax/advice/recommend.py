@@ -25,9 +25,8 @@ from ..integrators.registry import method as find_method
 from ..integrators.runge_kutta import RungeKutta
 from ..integrators.schemes import SCHEMES
 from ..integrators.system import System
-from ..model.bodies import Body, RigidBody, principal_of
+from ..model.bodies import Body, RigidBody, SymmetricRotor, principal_of
 from ..model.compatibility import order_cure
-from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check

@@ -20,9 +20,8 @@ from ..advice.timing import Stopwatch
 from ..integrators.base import Method
 from ..integrators.registry import method as find_method
 from ..model import so3
-from ..model.bodies import RigidBody
+from ..model.bodies import RigidBody, SymmetricRotor
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, FreeState, RigidState
 from ..model.torques import HeavyTop, UniformGravity
 from . import chosen

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..drivers.tables import COORDINATES
 from ..model import so3, torques
-from ..model.rotor import SymmetricRotor
+from ..model.bodies import SymmetricRotor
 from ..model.states import AxisState
 from ..plot.conservation import Change
 from ..plot.curves import in_plane, plane_of, seen_from_above

@@ -19,10 +19,9 @@ from jaxtyping import Float
 from .._checks.arguments import described
 from ..asteroids.mutual_gravity import MutualGravity
 from ..model import so3
-from ..model.bodies import RigidBody
+from ..model.bodies import RigidBody, SymmetricRotor
 from ..model.free_body import FreeBody
 from ..model.orbits import KeplerOrbit
-from ..model.rotor import SymmetricRotor
 from ..model.states import AxisState, CoupledState, FreeState, RigidState, TravellingState
 from ..model.torques import DipoleInField, HeavyTop, Oblateness, PointMass, Prescribed, TorqueLike, UniformGravity
 from ..molecules.rods import straight_rod

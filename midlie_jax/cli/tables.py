@@ -12,8 +12,8 @@ from ..integrators.base import Method
 from ..integrators.flights import FLIGHTS
 from ..integrators.registry import DEFAULT, entries
 from ..integrators.schemes import SCHEMES
+from ..model.bodies import SymmetricRotor
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.torques import Sum
 from . import chosen
 from . import scenes as all_scenes

@@ -18,8 +18,7 @@ from ..integrators.flights.axis_turn import Circle
 from ..integrators.flights.free_orbit import Orbit
 from ..integrators.system import Motion, System
 from ..integrators.verdict import FINE, LOST, at_start, earlier, is_fine
-from ..model.bodies import Body, principal_of
-from ..model.rotor import SymmetricRotor
+from ..model.bodies import Body, SymmetricRotor, principal_of
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
 from .bad_start import finite_start, nan_unless

@@ -29,10 +29,9 @@ from .._math.components import is_traced
 from .._math.short_series import WIDEST_SQUARE, cosine_and_sinc_of_square, half_turn
 from ..model.baths.base import words_of
 from ..model.baths.langevin import Langevin
-from ..model.bodies import Body, RigidBody, TensorBody
+from ..model.bodies import Body, RigidBody, SymmetricRotor, TensorBody
 from ..model.exposure import PreparedBath, in_principal_axes, product, rows
 from ..model.free_body import Place
-from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 from ..model.states.unit_vector import Swing
 from ..model.torques.reads_body import without_bath

@@ -1,4 +1,4 @@
-"""Bodies: the inertia of rigid bodies and particles; `states/` holds their configuration and momentum."""
+"""Bodies: the inertia of rigid bodies, rotors and particles; `states/` holds their configuration and momentum."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -10,16 +10,17 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
+from .._checks.arguments import as_floats, as_not_negative, cure_of, in_wider, require, require_finite, require_rows
 from .._checks.brief_help import BriefHelp
 from .._math import components as cp
 from .._math.powers import unit as power_of_two
 from . import so3
-from .inertia import Inertia
+from .inertia import Inertia, RotorInertia
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
 _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
+_ALONG_TOLERANCE = 1e-6  # of `along` of a rotor, relative to twice the moment
 # Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. This leaves
 # room for the intermediate results of the methods.
 _RANGE_EXPONENT = 0.8
@@ -254,6 +255,77 @@ class TensorBody(Body):
     def to_principal(self, vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The components in the principal frame of a vector in your frame."""
         return so3.rotate(so3.conjugate(self.frame), vector)
+
+
+class SymmetricRotor(Body):
+    """A symmetric body, of which only the direction of the axis and the momentum are computed.
+
+    Without torque the axis e rotates about the spatial momentum pi at the rate |pi| / I1, for any moment about the
+    axis. Under a torque without a component along e, pi . e is constant. Examples are a spinning top, a linear molecule
+    or a dumbbell (pi . e = 0), a dipole and a spherical pendulum (I1 = m l^2). The state is an `AxisState`.
+
+    Attributes:
+        moment: the moment of inertia I1 = I2 about an axis across the axis of symmetry, (...), mass x length^2.
+        along: the moment I3 about the axis of symmetry, (...), zero for a linear molecule; None if unknown. The motion
+            does not depend on it, but a torque may, such as `PointMass`.
+
+    Raises:
+        ValueError: the moment is not positive, or out of range; `along` is not between 0 and 2 I1, or of another shape.
+
+    Examples:
+        >>> rotor, top = ml.SymmetricRotor(5.0), ml.AxisState.of(start)
+        >>> ml.integrate("SYMMETRIC[EA]", rotor, torque, top, dt=0.01, steps=100).states.axis.shape
+        (101, 3)
+    """
+
+    moment: Float[Array, "*batch"]
+    along: Float[Array, "*batch"] | None
+
+    def __init__(self, moment: Any, along: Any = None):
+        self.moment = as_floats("moment", moment)
+        require_rows("moment", self.moment, is_positive, "must be positive and finite", "check its units.")
+        require_within_range("moment", self.moment, "mass or length")
+        self.along = None if along is None else as_not_negative("along", along)
+        if self.along is not None:
+            if self.along.shape != self.moment.shape:
+                raise ValueError(f"along {self.along.shape} and moment {self.moment.shape} must have one shape.")
+            known = not cp.is_traced(self.along, self.moment)
+            if known and np.any(np.asarray(self.along) > 2 * np.asarray(self.moment)):
+                raise ValueError("along must not exceed twice the moment, as in any real body; check their order.")
+
+    def inertia(self) -> RotorInertia:
+        return RotorInertia(1 / self.moment)
+
+    def is_possible(self) -> Array:
+        possible = all_positive(self.moment)
+        if self.along is None:
+            return possible
+        along = jax.lax.stop_gradient(self.along)
+        most = 2 * jax.lax.stop_gradient(self.moment) * (1 + _ALONG_TOLERANCE)
+        return possible & jnp.all((along >= 0) & (along <= most))
+
+    @property
+    def known_along(self) -> Float[Array, "*batch"]:
+        if self.along is None:
+            raise ValueError("this torque needs the moment about the axis; write SymmetricRotor(moment, along).")
+        return self.along
+
+    @property
+    def trace(self) -> Float[Array, "*batch"]:
+        """2 I1 + I3; a ValueError if `along` is None."""
+        return 2 * self.moment + self.known_along
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        return self.moment.shape
+
+    def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular velocity pi / I1 of the axis, space frame; it omits part of the spin."""
+        return cp.pack(cp.scale(1 / self.moment, cp.vector(momentum)))
+
+    def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular momentum I1 w of a body without spin whose axis rotates at w, space frame."""
+        return cp.pack(cp.scale(self.moment, cp.vector(velocity)))
 
 
 class Unturned(Body):

@@ -18,9 +18,8 @@ from jax import Array
 from .._math import components as cp
 from .._math.normals import normals
 from . import so3
-from .bodies import Body
+from .bodies import Body, SymmetricRotor
 from .free_body import FreeBody, Momenta
-from .rotor import SymmetricRotor
 
 ROUNDED = 1e-5  # largest magnitude of a negative eigenvalue of a tensor due to rounding, relative to its largest one
 _SHORT = 1e-3  # below, (1 - exp(-x))/x uses the first terms of its series

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
 from . import so3
-from .bodies import Body, RigidBody, TensorBody, all_positive, is_positive, require_within_range
-from .rotor import SymmetricRotor
+from .bodies import Body, RigidBody, SymmetricRotor, TensorBody, all_positive, is_positive, require_within_range
 
 
 class Momenta(NamedTuple):

@@ -1,4 +1,4 @@
-"""`Inertia`: the principal moments of a rigid body, and constants of the flights."""
+"""`Inertia`: the principal moments of a rigid body, and constants of the flights; `RotorInertia`, for a rotor."""
 
 from typing import Any, NamedTuple
 
@@ -137,3 +137,22 @@ def _tied(moments: cp.Vector, inertia: Inertia) -> Inertia:
 def _tied_jvp(primals: Any, tangents: Any) -> tuple[Inertia, Inertia]:
     inertia = _tied(*primals)  # of which the change is a function, for second derivatives
     return inertia, inertia.change(tangents[0])
+
+
+class RotorInertia(NamedTuple):
+    """Constants of a run: 1 / moment. Momentum and torque are in the space frame."""
+
+    inverse: Array
+
+    def velocity(self, momentum: cp.Vector) -> cp.Vector:
+        return cp.scale(self.inverse, momentum)
+
+    def commutator(self, force: cp.Vector) -> cp.Vector:
+        return cp.scale(0, force)
+
+    def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
+        turn = cp.scale(h, self.velocity(momentum))
+        return cp.dot(turn, turn)
+
+    def nutation(self, momentum: cp.Vector) -> Array:
+        return cp.norm(self.velocity(momentum))

@@ -15,10 +15,9 @@ from .._checks.arguments import as_floats, described
 from .._math import components as cp
 from .._xla.replay import traits
 from . import so3
-from .bodies import Body, principal_of
+from .bodies import Body, SymmetricRotor, principal_of
 from .compatibility import check_body, check_state, check_torque
 from .free_body import Momenta
-from .rotor import SymmetricRotor
 from .state import AnyState, State, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 

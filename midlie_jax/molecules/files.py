@@ -10,8 +10,8 @@ import numpy as np
 
 from .._checks.arguments import as_count
 from ..model import so3
+from ..model.bodies import SymmetricRotor
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.states import CoupledFreeAxisState, CoupledState
 from .points import from_points, sites
 

@@ -10,10 +10,9 @@ from jaxtyping import Float
 from .._checks.arguments import as_finite, as_floats, as_not_negative, require, same_dtype
 from .._math import components as cp
 from .._math.powers import unit
-from ..model.bodies import RigidBody
+from ..model.bodies import RigidBody, SymmetricRotor
 from ..model.free_body import FreeBody, Wrench
 from ..model.leaf import needs_attitude
-from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState
 
 # A moment smaller than the largest by this factor, the spacing of the dtype to this power, is rounding: the points are

@@ -12,10 +12,9 @@ import numpy as np
 
 from .._checks.arguments import as_count, as_floats
 from ..drivers.path import Path
-from ..model.bodies import Body, RigidBody, TensorBody
+from ..model.bodies import Body, RigidBody, SymmetricRotor, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.state import attitude_of
 from ..model.states import AxisState, Coupled, TravellingState
 from ..model.surface import Surface

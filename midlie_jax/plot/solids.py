@@ -12,10 +12,9 @@ import numpy as np
 
 from .._checks.arguments import as_floats, require_finite
 from ..model import so3
-from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.bodies import RigidBody, SymmetricRotor, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.surface import Surface
 
 CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1

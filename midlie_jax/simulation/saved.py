@@ -12,9 +12,8 @@ import numpy as np
 from .._lazy import classes_below
 from ..drivers.path import Path
 from ..model import so3
-from ..model.bodies import RigidBody, TensorBody
+from ..model.bodies import RigidBody, SymmetricRotor, TensorBody
 from ..model.free_body import FreeBody
-from ..model.rotor import SymmetricRotor
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
 from .attributes import unfolded

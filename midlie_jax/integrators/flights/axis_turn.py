@@ -12,8 +12,8 @@ from jax import Array
 
 from ..._math import components as cp
 from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc_of_square
-from ...model.bodies import Body
-from ...model.rotor import RotorInertia, SymmetricRotor
+from ...model.bodies import Body, SymmetricRotor
+from ...model.inertia import RotorInertia
 from ...model.states.unit_vector import Swing
 from .base import JudgedFlight
 

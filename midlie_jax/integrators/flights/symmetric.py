@@ -28,9 +28,8 @@ from jax import Array
 
 from ..._math import components as cp
 from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle, stumpff
-from ...model.bodies import Body
+from ...model.bodies import Body, SymmetricRotor
 from ...model.inertia import Inertia
-from ...model.rotor import SymmetricRotor
 from ..verdict import verdict
 from .axis_turn import AxisTurn
 from .base import Flight

@@ -13,9 +13,8 @@ from jax import Array
 
 from ..._checks.arguments import as_finite, as_not_negative, described, is_key, require, require_function, shown
 from ..._math.components import is_traced
-from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
+from ..bodies import Body, RigidBody, SymmetricRotor, TensorBody, is_symmetric, read_as_tensor
 from ..exposure import ROUNDED, PreparedBath, PreparedSum, root_of
-from ..rotor import SymmetricRotor
 from ..state import AnyState
 
 

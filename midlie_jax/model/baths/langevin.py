@@ -8,9 +8,8 @@ from jax import Array
 
 from ..._checks.arguments import shown
 from ..._math.components import is_traced
-from ..bodies import Body, RigidBody
+from ..bodies import Body, RigidBody, SymmetricRotor
 from ..exposure import exposures, kicks
-from ..rotor import SymmetricRotor
 from ..state import AnyState
 from ..torques.reads_body import knows_axis_alone
 from .base import BathOfBodies, Warm, as_coefficient, as_key, at

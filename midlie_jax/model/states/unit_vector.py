@@ -10,11 +10,10 @@ from jaxtyping import Float
 from ..._checks.arguments import as_finite, as_floats, is_unit, require
 from ..._math import components as cp
 from .. import so3
-from ..bodies import RigidBody
+from ..bodies import RigidBody, SymmetricRotor
 from ..exposure import InSpace
 from ..kind import Leaves
 from ..leaf import BodyLeaf, Described, Leaf, length_correction, needs_attitude
-from ..rotor import SymmetricRotor
 from ..state import State
 from .rigid import BODY_MOMENTUM, RigidState
 

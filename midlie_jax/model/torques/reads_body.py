@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_not_negative, described, require_function
 from ..._math import components as cp
 from ..baths.base import HeatBath
-from ..rotor import SymmetricRotor
+from ..bodies import SymmetricRotor
 from ..state import AnyState, Time
 from .base import Torque, TorqueLike, no_potential, on_body, potential_of, velocity_dependent
 

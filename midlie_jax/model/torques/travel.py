@@ -25,8 +25,8 @@ from ..._checks.arguments import (
     vector_at,
 )
 from ..._math import components as cp
+from ..bodies import SymmetricRotor
 from ..free_body import FreeBody, Wrench
-from ..rotor import SymmetricRotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from .base import Torque
