@@ -151,7 +151,7 @@ class Brownian(Method):
         mobilities = eqx.Partial(_mobilities, bath, body)
         varies = callable(bath.friction) or callable(bath.linear_friction)
         made = mobilities if varies else mobilities(t)
-        return system._replace(bath=PreparedBath.of(words_of(bath.key), made, bath.root, start))
+        return system._replace(bath=(PreparedBath.of(words_of(bath.key), made, bath.root, start),))
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
@@ -168,21 +168,25 @@ def _mobilities(bath: Langevin, body: Body, t: Array) -> list[Mobility]:
     return [Mobility.of(friction, body.frame_of_user()) for friction in frictions]
 
 
+def _bath(system: System) -> PreparedBath:
+    assert system.bath is not None
+    return system.bath[0]
+
+
 def _diffused(system: System, t: Array, h: Array, motion: AnyMotion, half: int) -> tuple[AnyMotion, Array]:
     """The motion after half of the diffusion in a step of h, and the largest h kT tr M."""
-    assert isinstance(system.bath, PreparedBath)
-    assert system.bath.root is not None
-    s = h / 2 * system.bath.root(t) ** 2
+    root = _bath(system).root
+    assert root is not None
+    s = h / 2 * root(t) ** 2
     moved, sizes = [], []
     for own, one in system.members(motion):
-        assert isinstance(own.bath, PreparedBath)
-        turning, *travel = own.bath.at(t)
+        turning, *travel = _bath(own).at(t)
         rotating, rotation = own.rotating(one)
         like = one.momentum.linear if travel else rotation.momentum
         orientation: Any = rotation.pose
         position: Any = one.pose.position if travel else None
         for stage in (2, 0) if half == 0 else (1, 3):  # in the second half in the reverse order
-            noise = own.bath.noise(stage, like)
+            noise = _bath(own).noise(stage, like)
             if stage < 2:
                 orientation = _turned(rotating, orientation, turning.rotation(s, noise), h)
             elif travel:
@@ -203,8 +207,7 @@ def _driven(
     force, moved, sizes = system.force(t, at), [], []
     forces = [force] if len(system.members(motion)) == 1 else force
     for (own, one), (_, there), pull in zip(system.members(motion), system.members(at), forces, strict=True):
-        assert isinstance(own.bath, PreparedBath)
-        turning, *travel = own.bath.at(t)
+        turning, *travel = _bath(own).at(t)
         rotating, rotation = own.rotating(one)
         _, rotation_there = own.rotating(there)
         turn = cp.scale(time, product(turning.inverse, pull.angular if travel else pull))

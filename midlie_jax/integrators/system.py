@@ -15,7 +15,7 @@ from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.placement import Placement
 from .._xla.replay import Traced
 from ..model.bodies import Body
-from ..model.exposure import PreparedBath, PreparedSum
+from ..model.exposure import PreparedBath
 from ..model.free_body import Momenta, Place, Wrench
 from ..model.inertia import Inertia
 from ..model.kind import Inertias, Kind
@@ -56,7 +56,7 @@ class System(NamedTuple):
     reads_momentum: bool
     placement: Placement
     frame: Any = None
-    bath: PreparedBath | PreparedSum | None = None
+    bath: tuple[PreparedBath, ...] | None = None
     by_step: bool = False
     traced: Traced | None = None
 
@@ -118,7 +118,7 @@ class System(NamedTuple):
 
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, which determines the random numbers of a bath."""
-        return self if self.bath is None else self._replace(bath=self.bath.at_step(n))
+        return self if self.bath is None else self._replace(bath=tuple(bath._replace(step=n) for bath in self.bath))
 
     def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
         """The system in the step from t0 to t1 of length h, with the values of the `ByStep` parts of the torque."""
@@ -136,10 +136,13 @@ class System(NamedTuple):
         return self.torque is not None and not self.reads_momentum and not self.by_step
 
     def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
+        """The motion after a bath stage: halves of each bath but the last, around the whole last one."""
         assert self.bath is not None
-        for bath, own, index in self.bath.sequence(b, stage):
+        *outer, last = self.bath
+        parts = [*((bath, b / 2) for bath in outer), (last, b), *((bath, b / 2) for bath in outer[::-1])]
+        for i, (bath, own) in enumerate(parts):
             root = None if bath.root is None else bath.root(t)
-            noise = bath.noise(index, motion.momentum)
+            noise = bath.noise(len(parts) * stage + i, motion.momentum)
             change = self.kind.bathed(bath.at(t)[own], root, motion.momentum, motion.pose, noise)
             motion = self.pushed(motion, change)
         return motion
@@ -175,7 +178,7 @@ class System(NamedTuple):
         parts = enumerate(zip(self.inertia.members, motion.momentum, motion.pose, strict=True))
 
         def system(i: int, inertia: Any) -> System:
-            own = None if self.bath is None else self.bath.of_member(i)
+            own = None if self.bath is None else tuple(bath._replace(member=i) for bath in self.bath)
             return self._replace(inertia=inertia, kind=kind.member, bath=own)
 
         return [(system(i, inertia), Motion(p, q)) for i, (inertia, p, q) in parts]

@@ -78,43 +78,16 @@ class PreparedBath(NamedTuple):
         count = start.momentum.shape[-2] if start.several else 0
         return cls(root, key, exposures, jnp.arange(count, dtype=jnp.int32) if count else 0)
 
-    def at_step(self, n: Array) -> "PreparedBath":
-        return self._replace(step=n)
-
-    def of_member(self, i: int) -> "PreparedBath":
-        return self._replace(member=i)
-
     def at(self, t: Array) -> Any:
         found = self.exposures(t) if callable(self.exposures) else self.exposures
         i = self.member
         return jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, found) if isinstance(i, int) else found
-
-    def sequence(self, b: float, stage: int) -> "list[tuple[PreparedBath, float, int]]":
-        """The parts of a bath stage with the coefficient b: bath, coefficient, and the index of its noise."""
-        return [(self, b, stage)]
 
     def noise(self, stage: int, like: Any) -> Any:
         assert self.step is not None
         leaves, structure = jax.tree.flatten(like)
         drawn = normals(self.key, (self.step, stage, self.member), len(leaves), leaves[0].dtype)
         return structure.unflatten(drawn)
-
-
-class PreparedSum(NamedTuple):
-    """Several baths, prepared. A stage is a palindrome: halves of each but the last, around the whole last one."""
-
-    parts: tuple[PreparedBath, ...]
-
-    def at_step(self, n: Array) -> "PreparedSum":
-        return PreparedSum(tuple(part.at_step(n) for part in self.parts))
-
-    def of_member(self, i: int) -> "PreparedSum":
-        return PreparedSum(tuple(part.of_member(i) for part in self.parts))
-
-    def sequence(self, b: float, stage: int) -> list[tuple[PreparedBath, float, int]]:
-        *outer, last = self.parts
-        order = [*((part, b / 2) for part in outer), (last, b), *((part, b / 2) for part in outer[::-1])]
-        return [(part, own, len(order) * stage + i) for i, (part, own) in enumerate(order)]
 
 
 def root_of(square: Array) -> Array:

@@ -137,7 +137,7 @@ class Sublattices(Method):
         if self.random:
             assert isinstance(bath, ThermalField)
             bath.check_on(start, body)
-            system = system._replace(bath=bath.on_spins(body, system.kind, start))
+            system = system._replace(bath=(bath.on_spins(body, system.kind, start),))
         return system._replace(by_step=is_by_step(rest))
 
     def loops_for(self, system: System) -> bool:
@@ -169,7 +169,7 @@ class Sublattices(Method):
             known = known if number == 0 else None
             if isinstance(number, str):
                 bath: Any = system.bath
-                spin = split(bath.turned(coefficient * h, t, baths, spin))
+                spin = split(bath[0].turned(coefficient * h, t, baths, spin))
                 baths += 1
             elif parts.names[number] == CLOCK:
                 elapsed += coefficient

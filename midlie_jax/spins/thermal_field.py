@@ -74,9 +74,6 @@ class BathOfSpins(NamedTuple):
     member: Any
     step: Array | None = None
 
-    def at_step(self, n: Array) -> "BathOfSpins":
-        return self._replace(step=n)
-
     def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
         """The spins after the time h at the time t, in stage `stage` of the step.
 

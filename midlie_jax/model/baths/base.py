@@ -14,7 +14,7 @@ from jax import Array
 from ..._checks.arguments import as_finite, as_not_negative, described, is_key, require, require_function, shown
 from ..._math.components import is_traced
 from ..bodies import Body, RigidBody, SymmetricRotor, TensorBody, is_symmetric, read_as_tensor
-from ..exposure import ROUNDED, PreparedBath, PreparedSum, root_of
+from ..exposure import ROUNDED, PreparedBath, root_of
 from ..state import AnyState
 
 
@@ -73,11 +73,12 @@ class BathOfBodies(HeatBath):
         raise NotImplementedError(f"{type(self).__name__} must define effects.")
 
     def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: Any) -> Any:
+        """The parts of the bath, a tuple with one or several `PreparedBath`, for stages with these coefficients."""
         times, words = {b: b * h for b in sorted(coefficients)}, words_of(self.keys[0])
         if any(callable(getattr(self, name)) for name in self.numbers):
-            return PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start)
+            return (PreparedBath.of(words, eqx.Partial(self.effects, body, times), None, start),)
         root = getattr(self, "root", None) if callable(getattr(self, "kT", None)) else None
-        return PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start)
+        return (PreparedBath.of(words, self.effects(body, times, t, with_root=root is None), root, start),)
 
     def check_kind(self, state: Any, body: Any) -> None:
         name, kind = type(self).__name__, type(state).__name__
@@ -139,13 +140,10 @@ class Sum(BathOfBodies):
     def keys(self) -> tuple[Any, ...]:
         return tuple(chain.from_iterable(part.keys for part in self.parts))
 
-    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> PreparedSum:
-        halves, last = {b / 2 for b in coefficients}, len(self.parts) - 1
-
-        def one(i: int, part: BathOfBodies) -> PreparedBath:
-            return part.prepared(body, coefficients if i == last else halves, t, h, start)
-
-        return PreparedSum(tuple(one(i, part) for i, part in enumerate(self.parts)))
+    def prepared(self, body: Body, coefficients: Iterable[float], t: Array, h: Array, start: AnyState) -> Any:
+        halves = [{b / 2 for b in coefficients}] * (len(self.parts) - 1)
+        each = zip(self.parts, [*halves, coefficients], strict=True)
+        return tuple(chain.from_iterable(part.prepared(body, own, t, h, start) for part, own in each))
 
     def check(self, state: AnyState) -> None:
         for part in self.parts:
