@@ -105,8 +105,8 @@ class RigidBody(Body):
     """A rigid body that rotates about a fixed point or its centre of mass.
 
     Attributes:
-        moments: principal moments of inertia about this point, (..., 3), mass x length^2; their axes are those of the
-            body frame. If the largest exceeds the sum of the other two only by rounding of the last digit, as in
+        moments: principal moments of inertia about this point, along the axes of the body frame, (..., 3), mass x
+            length^2. If the largest exceeds the sum of the other two only by rounding of the last digit, as in
             (0.0833, 0.0833, 0.1667), it is lowered to that sum, the moment of a flat body.
         physical: False allows moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has such
             moments, but the equations of motion remain valid.

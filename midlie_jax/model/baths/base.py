@@ -95,13 +95,20 @@ class BathOfBodies(HeatBath):
 
     def check_on(self, state: Any, body: Any) -> None:
         super().check_on(state, body)
+        count = state.momentum.shape[-2] if state.several else None
         for name in self.numbers:
             value = getattr(self, name)
-            if value is not None:
-                time = jax.ShapeDtypeStruct((), state.momentum.dtype)
-                shape = jax.eval_shape(value, time).shape if callable(value) else value.shape
-                check_shape(name, shape, state)
-                self.check_numbers(name, shape, state, body)
+            if value is None:
+                continue
+            time = jax.ShapeDtypeStruct((), state.momentum.dtype)
+            shape = jax.eval_shape(value, time).shape if callable(value) else value.shape
+            leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
+            if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
+                wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
+                raise ValueError(
+                    f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble."
+                )
+            self.check_numbers(name, shape, state, body)
 
     def check_numbers(self, name: str, shape: tuple[int, ...], state: Any, body: Any) -> None:
         """Raises unless this body supports numbers of this shape, which its state does."""
@@ -208,11 +215,3 @@ def at(value: Any, t: Array) -> Array:
         return jnp.where(numbers < 0, jnp.nan, numbers)
     off = jnp.abs(numbers - jnp.swapaxes(numbers, -1, -2))
     return jnp.where(jnp.any(off > ROUNDED * jnp.max(jnp.abs(numbers))), jnp.nan, numbers)
-
-
-def check_shape(name: str, shape: tuple[int, ...], state: Any) -> None:
-    count = state.momentum.shape[-2] if state.several else None
-    leading = shape[:-2] if shape[-2:] == (3, 3) else shape[:-1]
-    if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
-        wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
-        raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
