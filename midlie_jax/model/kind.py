@@ -258,7 +258,9 @@ class Unrolled(Kind):
         return tuple(jax.tree.map(lambda x, i=i: x[i], force) for i in range(len(leaves[0])))
 
     def _map(self, form: Callable[..., Any], function: Callable[..., Any], *trees: Any) -> Any:
-        rows = [Kind._map(self, form, function, *own) for own in _each(self.count, trees)]
+        nothing = (None,) * self.count
+        each = (nothing if tree is None else tree.members if isinstance(tree, Inertias) else tree for tree in trees)
+        rows = [Kind._map(self, form, function, *own) for own in zip(*each, strict=True)]
         return tuple(zip(*rows, strict=True)) if form is both else tuple(rows)
 
     def vector_in(self, frame: Any, vector: Any) -> Any:
@@ -266,12 +268,6 @@ class Unrolled(Kind):
 
     def pose_in(self, frame: Any, pose: Any) -> Any:
         return tuple(map(self.member.pose_in, frame, pose))
-
-
-def _each(count: int, trees: tuple[Any, ...]) -> Any:
-    nothing = (None,) * count
-    columns = (nothing if tree is None else tree.members if isinstance(tree, Inertias) else tree for tree in trees)
-    return zip(*columns, strict=True)
 
 
 def _entry(tree: Any, i: int) -> Any:
