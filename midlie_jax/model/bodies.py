@@ -20,13 +20,14 @@ from .inertia import Inertia, RotorInertia
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
 _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
-_ALONG_TOLERANCE = 1e-6  # of `along` of a rotor, relative to twice the moment
 # Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. This leaves
 # room for the intermediate results of the methods.
 _RANGE_EXPONENT = 0.8
 
 
-def require_within_range(name: str, value: Any, units: str) -> None:
+def require_possible(name: str, value: Any, units: str, cure: str = "check its units.") -> None:
+    """Raises unless moments or masses are positive and leave room for the intermediate results."""
+    require_rows(name, value, is_positive, "must be positive and finite", cure)
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
     cure = in_wider(value.dtype, f"use other units of {units}")
     problem = f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}"
@@ -40,10 +41,6 @@ def _triangle(moments: Any) -> Any:
 def is_symmetric(matrix: np.ndarray) -> bool:
     tolerance = _SYMMETRY_TOLERANCE * np.abs(matrix).max()
     return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
-
-
-def read_as_tensor(name: str) -> str:
-    return f"if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})"
 
 
 class Body(eqx.Module, metaclass=BriefHelp):
@@ -132,8 +129,7 @@ class RigidBody(Body):
         cure = "for a full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         other = "check units and order; for a thin rod, with a moment of zero, use midlie_jax.SymmetricRotor(moment)"
         cure_of_sign = cure or cure_of(self.moments, other)
-        require_rows("moments", self.moments, is_positive, "must be positive and finite", cure_of_sign)
-        require_within_range("moments", self.moments, "mass or length")
+        require_possible("moments", self.moments, "mass or length", cure_of_sign)
         if physical:
             self.moments = made_flat(self.moments, _TRIANGLE_TOLERANCE)
             problem = "are unphysical: the largest must not exceed the sum of the other two"
@@ -283,8 +279,7 @@ class SymmetricRotor(Body):
 
     def __init__(self, moment: Any, along: Any = None):
         self.moment = as_floats("moment", moment)
-        require_rows("moment", self.moment, is_positive, "must be positive and finite", "check its units.")
-        require_within_range("moment", self.moment, "mass or length")
+        require_possible("moment", self.moment, "mass or length")
         self.along = None if along is None else as_not_negative("along", along)
         if self.along is not None:
             if self.along.shape != self.moment.shape:
@@ -301,7 +296,7 @@ class SymmetricRotor(Body):
         if self.along is None:
             return possible
         along = jax.lax.stop_gradient(self.along)
-        most = 2 * jax.lax.stop_gradient(self.moment) * (1 + _ALONG_TOLERANCE)
+        most = 2 * jax.lax.stop_gradient(self.moment) * (1 + _TRIANGLE_TOLERANCE)
         return possible & jnp.all((along >= 0) & (along <= most))
 
     @property

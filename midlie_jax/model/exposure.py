@@ -56,15 +56,11 @@ class InSpace(NamedTuple):
 
 
 class PreparedBath(NamedTuple):
-    """The heat bath of a run, prepared for its steps.
+    """A heat bath, prepared for the steps of a run.
 
-    Attributes:
-        root: the function of time sqrt(kT), or None if the exposures include the temperature.
-        key: two or four words, uint32, of the random key.
-        exposures: the effect of the bath by the coefficient of the stage, in the form of the momentum, or a function of
-            time that returns it; or what a method makes of the frictions. Arrays may have an axis (N,).
-        member: the index of the body among coupled bodies: all indices (N,), or one.
-        step: the index of the step, or None outside a step.
+    `root` is the function of time sqrt(kT), or None if the exposures include the temperature. `exposures` is the effect
+    of the bath by the coefficient of the stage, in the form of the momentum, or a function of time that returns it; or
+    what a method makes of the frictions. `member` is the index among coupled bodies: all indices (N,), or one.
     """
 
     root: Callable[[Any], Array] | None

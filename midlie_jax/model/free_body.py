@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, require_rows
+from .._checks.arguments import as_floats, described
 from .._math import components as cp
 from . import so3
-from .bodies import Body, RigidBody, SymmetricRotor, TensorBody, all_positive, is_positive, require_within_range
+from .bodies import Body, RigidBody, SymmetricRotor, TensorBody, all_positive, require_possible
 
 
 class Momenta(NamedTuple):
@@ -103,8 +103,7 @@ class FreeBody(Body):
                 "for principal moments write FreeBody(RigidBody(moments), mass)."
             )
         mass = as_floats("mass", mass)
-        require_rows("mass", mass, is_positive, "must be positive and finite", "check its units.")
-        require_within_range("mass", mass, "mass")
+        require_possible("mass", mass, "mass")
         if mass.shape not in ((), body.batch):
             raise ValueError(f"mass must be () or {body.batch}, one for each body, got {mass.shape}.")
         self.body, self.mass = body, jnp.broadcast_to(mass, body.batch)

@@ -13,7 +13,7 @@ from jax import Array
 
 from ..._checks.arguments import as_finite, as_not_negative, described, is_key, require, require_function, shown
 from ..._math.components import is_traced
-from ..bodies import Body, RigidBody, SymmetricRotor, TensorBody, is_symmetric, read_as_tensor
+from ..bodies import Body, RigidBody, SymmetricRotor, TensorBody, is_symmetric
 from ..exposure import ROUNDED, PreparedBath, root_of
 from ..state import AnyState
 
@@ -191,16 +191,16 @@ def as_tensor(name: str, value: Any) -> Array:
         return numbers
     tensor = np.asarray(numbers, np.float64)
     largest = np.abs(tensor).max(initial=0.0)
+    other = f"or, if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})."
     if not is_symmetric(tensor):
         raise ValueError(
-            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; or, "
-            f"{read_as_tensor(name)}."
+            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; {other}"
         )
     least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
     if least < -ROUNDED * largest:
         raise ValueError(
             f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
-            f"signs; or, {read_as_tensor(name)}."
+            f"signs; {other}"
         )
     return numbers
 
