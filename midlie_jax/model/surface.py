@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import (
     as_count,
+    as_finite,
     as_floats,
     as_function_of_time,
     as_not_negative,
@@ -23,7 +24,6 @@ from .._checks.arguments import (
     described,
     is_unit,
     require,
-    require_finite,
     require_rows,
     same_dtype,
     vector_at,
@@ -75,10 +75,9 @@ class Surface(eqx.Module):
     horizon: Horizon | None
 
     def __init__(self, vertices: Any, faces: Any):
-        vertices = as_floats("vertices", vertices, (3,))
+        vertices = as_finite("vertices", vertices, (3,))
         if vertices.ndim != 2:
             raise ValueError(f"vertices must be (v, 3), got {vertices.shape}; map over several surfaces with jax.vmap.")
-        require_finite("vertices", vertices)
         corners = vertices[as_faces(faces, len(vertices))]
         edges = corners[:, 1:] - corners[:, :1]
         unit, per_unit = unit_of(jnp.max(jnp.abs(edges)))
@@ -118,13 +117,12 @@ class Surface(eqx.Module):
                 not finite.
         """
         areas = as_not_negative("areas", areas, cure="the normal defines the side of a facet.")
-        normals, centroids = as_floats("normals", normals, (3,)), as_floats("centroids", centroids, (3,))
+        normals, centroids = as_floats("normals", normals, (3,)), as_finite("centroids", centroids, (3,))
         if areas.ndim != 1 or not len(areas) or not normals.shape == centroids.shape == (*areas.shape, 3):
             shapes = f"{areas.shape}, {normals.shape} and {centroids.shape}"
             raise ValueError(f"areas must be (n,), normals and centroids (n, 3), got {shapes}.")
         same_dtype("areas", areas, normals=normals, centroids=centroids)
         require_rows("normals", normals, is_unit, "must be unit vectors", "divide them by their norms.")
-        require_finite("centroids", centroids)
         return cls._of(areas, normals, centroids, None)
 
     @classmethod
@@ -265,8 +263,7 @@ class Surface(eqx.Module):
 
     def moved(self, offset: Any) -> "Surface":
         """The surface moved by a vector, (3,)."""
-        offset = as_floats("offset", offset, (3,))
-        require_finite("offset", offset)
+        offset = as_finite("offset", offset, (3,))
         solid = None if self.solid is None else self.solid._replace(centre=self.solid.centre + offset)
         corners = None if self.corners is None else self.corners + offset[None, None, :]
         return self._with(centroids=self.centroids + offset[None, :], solid=solid, corners=corners)
