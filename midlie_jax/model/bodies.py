@@ -50,9 +50,8 @@ class Body(eqx.Module, metaclass=BriefHelp):
     `namespace` is where users find the class, and `bath` is its heat bath, both for messages.
 
     Examples:
-        >>> bodies = ml.RigidBody([5.0, 5.0, 1.0]), ml.SymmetricRotor(5.0), ml.Particles(1.0)
-        >>> [isinstance(body, ml.base.Body) for body in bodies]
-        [True, True, True]
+        >>> [isinstance(body, ml.base.Body) for body in (ml.SymmetricRotor(5.0), ml.Particles(1.0))]
+        [True, True]
     """
 
     namespace: ClassVar[str] = "midlie_jax"
@@ -195,11 +194,8 @@ class TensorBody(Body):
         frame: unit quaternion that takes components in the principal frame to components in your frame, (..., 4).
 
     Args:
-        tensor: (..., 3, 3) symmetric positive definite inertia tensor, mass x length^2.
+        tensor: (..., 3, 3) symmetric positive definite inertia tensor, mass x length^2; otherwise a ValueError.
         physical: as for `RigidBody`.
-
-    Raises:
-        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or as for `RigidBody`.
 
     Examples:
         >>> body = ml.TensorBody([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]])
@@ -262,11 +258,8 @@ class SymmetricRotor(Body):
 
     Attributes:
         moment: the moment of inertia I1 = I2 about an axis across the axis of symmetry, (...), mass x length^2.
-        along: the moment I3 about the axis of symmetry, (...), zero for a linear molecule; None if unknown. The motion
-            does not depend on it, but a torque may, such as `PointMass`.
-
-    Raises:
-        ValueError: the moment is not positive, or out of range; `along` is not between 0 and 2 I1, or of another shape.
+        along: the moment I3 about the axis of symmetry, (...), from zero, for a linear molecule, to 2 I1; None if
+            unknown. The motion does not depend on it, but a torque may, such as `PointMass`.
 
     Examples:
         >>> rotor, top = ml.SymmetricRotor(5.0), ml.AxisState.of(start)

@@ -73,10 +73,9 @@ class TorqueSize(eqx.Module):
         power: exponent, a static Python float.
 
     Examples:
-        >>> density = ml.densities.TorqueSize(ml.torques.HeavyTop(2.0), reference=2.0, floor=0.1)
-        >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
-        >>> round(float(density(0.0, upright)), 4)
-        0.2236
+        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)
+        >>> round(float(density(0.0, start)), 4)
+        1.7192
     """
 
     torque: TorqueLike
@@ -106,9 +105,9 @@ class Spin(eqx.Module):
         floor: as for `TorqueSize`, an angular velocity, ().
 
     Examples:
-        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)
-        >>> round(float(density(0.0, ml.MomentumState([0.0, 0.0, 20.0]))), 3)  # steps are 5 times shorter
-        5.001
+        >>> density = ml.densities.Spin(moments=[5.0, 5.0, 1.0], reference=10.0, floor=0.1)
+        >>> round(float(density(0.0, start)), 3)  # steps 5 times shorter than at the reference
+        5.0
     """
 
     moments: Float[Array, "*batch 3"]

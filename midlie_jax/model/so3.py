@@ -258,9 +258,8 @@ def dexp_inverse(vector: Float[Array, "*#batch 3"], velocity: Float[Array, "*#ba
     """The inverse of `dexp` in its second argument; singular at |vector| = 2 pi.
 
     Examples:
-        >>> vector, rate = jnp.array([0.1, 0.2, 0.5]), jnp.array([1.0, 0.0, 2.0])
-        >>> ml.so3.dexp_inverse(vector, ml.so3.dexp(vector, rate)).round(6)
-        Array([1., 0., 2.], dtype=float64)
+        >>> ml.so3.dexp_inverse(jnp.array([0.0, 0.0, 0.5]), jnp.array([0.0, 0.0, 2.0]))  # about one axis
+        Array([0., 0., 2.], dtype=float64)
     """
     v, r = cp.vector(vector), cp.vector(velocity)
     first = cp.cross(v, r)

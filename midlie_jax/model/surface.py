@@ -109,12 +109,8 @@ class Surface(eqx.Module):
         """Facets that need not be closed, such as the panels of a satellite; the normal defines the side.
 
         Args:
-            areas: (n,), length^2, not negative.
+            areas: (n,), length^2, not negative; a ValueError for other shapes, signs or lengths of normals.
             normals, centroids: unit vectors and lengths, body frame, (n, 3).
-
-        Raises:
-            ValueError: wrong shapes or dtypes, a negative area, a normal that is not a unit vector, or numbers that are
-                not finite.
         """
         areas = as_not_negative("areas", areas, cure="the normal defines the side of a facet.")
         normals, centroids = as_floats("normals", normals, (3,)), as_finite("centroids", centroids, (3,))

@@ -23,7 +23,7 @@ _MOST = 2**32  # the most bodies: indices have 32 bits
 
 
 def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> dict[str, Any]:
-    """Draws random inputs for the bodies of an ensemble.
+    """Draws random inputs for the bodies of an ensemble: for each name an array with a leading axis of bodies.
 
     The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype, and not on
     other bodies and quantities. A process that holds the bodies i to j - 1 draws only these: `scatter(key, range(i, j),
@@ -34,10 +34,7 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
         bodies: number of bodies, for the bodies 0 to n - 1; or the indices of the bodies, a range or integers (n,).
         dtype: float32 or float64, of all arrays; by default float64 if JAX's x64 is on, else float32.
-        **quantities: a distribution of `midlie_jax.distributions` for each name.
-
-    Returns:
-        For each name an array with a leading axis of bodies, or for `Joint` a dictionary of such arrays.
+        **quantities: a distribution of `midlie_jax.distributions` for each name; for `Joint` a dictionary is returned.
 
     Raises:
         ValueError: an argument is not of the kind above; a body has no row in an `Each`; or the function is called

@@ -113,8 +113,7 @@ class Recoil(BathOfBodies):
     """Noise without friction, such as the recoil of photons: dL = sqrt(2 D) dW in the space frame; likewise for p.
 
     The mean kinetic energy of a free body grows at a constant rate: tr(D)/m for the translation with the linear
-    diffusion D, and tr(D)/I for the rotation of a sphere. Add friction and noise of a gas as
-    `Langevin(...) + Recoil(...)`.
+    diffusion D, and tr(D)/I for the rotation of a sphere. Add a gas as `Langevin(...) + Recoil(...)`.
 
     Attributes:
         diffusion: D, the diffusion of the angular momentum, `<dL_i dL_j> = 2 D_ij dt`, in the forms of the friction of
@@ -124,10 +123,8 @@ class Recoil(BathOfBodies):
             does not translate.
 
     Examples:
-        >>> sphere = ml.FreeBody(ml.RigidBody([0.4, 0.4, 0.4]), mass=1.0)
-        >>> rest = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
-        >>> laser = ml.baths.Recoil(0.0, jax.random.key(0), linear_diffusion=[0.1, 0.1, 0.4])
-        >>> bool(ml.integrate("JACOBI[BAOAB]", sphere, None, rest, dt=0.1, steps=10, bath=laser).ok)
+        >>> photons = ml.baths.Recoil([0.1, 0.1, 0.4], jax.random.key(0))
+        >>> bool(ml.integrate("JACOBI[BAOAB]", body, None, start, dt=0.001, steps=10, bath=photons).ok)
         True
     """
 

@@ -74,11 +74,9 @@ class CircularOrbit(Orbit):
 class DipoleField(eqx.Module):
     """The field of a magnetic dipole at the origin, along an orbit: B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r/|r|.
 
-    `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
-
-    For the Earth, the moment is (-3.75e21, 1.203e22, -7.605e22) A m^2 in an Earth-fixed frame, 7.7e22 A m^2 to the
-    south with a tilt of 9.4 degrees (P. Alken and others, Earth Planets Space 73 (2021) 49), and rotates at
-    7.292115e-5 rad/s.
+    `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2. For the
+    Earth, the moment is (-3.75e21, 1.203e22, -7.605e22) A m^2 in an Earth-fixed frame, 7.7e22 A m^2 to the south with a
+    tilt of 9.4 degrees (P. Alken and others, Earth Planets Space 73 (2021) 49), and rotates at 7.292115e-5 rad/s.
 
     Attributes:
         orbit: the position in the space frame, `orbit(t) -> (3,)`, length.
@@ -86,9 +84,6 @@ class DipoleField(eqx.Module):
         constant: mu_0 / 4 pi in the units of the problem, (); 1e-7 T m/A in SI units.
         turning: rate of rotation of the moment about the space z axis, (), radians per unit of time, positive to the
             east; None for a moment fixed in space.
-
-    Raises:
-        ValueError: wrong shapes, or numbers that are not finite.
 
     Examples:
         >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)  # m, s

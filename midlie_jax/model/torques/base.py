@@ -113,10 +113,8 @@ def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
     """The torque bound to a body: `torque.on(body)`, or the argument itself if it is None or a plain callable.
 
     Examples:
-        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
-        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.torques.on_body(ml.torques.Damping(0.5), body)(0.0, state)  # -0.5 * Omega
-        Array([-0.5, -0.5, -0.5], dtype=float64)
+        >>> ml.torques.on_body(ml.torques.Damping(0.5), body)(0.0, start)  # -0.5 * Omega
+        Array([ -0.,  -0., -25.], dtype=float64)
     """
     return torque.on(body) if isinstance(torque, Torque) else torque
 
@@ -125,9 +123,8 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     """The potential `V(t, state) -> ()` of a torque; a ValueError for a plain callable, which has none.
 
     Examples:
-        >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.torques.potential_of(ml.torques.HeavyTop(2.0))(0.0, upright).item()
-        2.0
+        >>> ml.torques.potential_of(torque)(0.0, start).round(4)
+        Array(19.1067, dtype=float64)
     """
     if isinstance(torque, Torque):
         return torque.potential

@@ -23,9 +23,8 @@ class HeavyTop(Torque):
         axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
     Examples:
-        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))  # rotated about x
-        >>> round(float(ml.torques.HeavyTop(mgl=2.0)(0.0, lying)[0]), 6)  # the weight rotates the top further about x
-        2.0
+        >>> ml.torques.HeavyTop(mgl=20.0)(0.0, start).round(4)[0]  # the weight rotates the top further about x
+        Array(5.9104, dtype=float64)
     """
 
     mgl: Float[Array, "*batch"]
@@ -76,9 +75,9 @@ class DipoleInField(Torque):
             `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit, for states with an attitude.
 
     Examples:
-        >>> compass = ml.torques.DipoleInField(moment=[2.0, 0.0, 0.0], field=[0.0, 0.5, 0.0])
-        >>> compass(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))[2].item()  # moment x field
-        1.0
+        >>> compass = ml.torques.DipoleInField(moment=[2.0, 0.0, 0.0], field=[0.5, 0.0, 0.0])
+        >>> compass.potential(0.0, start).item()  # parallel
+        -1.0
     """
 
     moment: Float[Array, "*batch 3"]

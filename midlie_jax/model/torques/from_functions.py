@@ -24,8 +24,7 @@ class Prescribed(Torque):
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
 
     Examples:
-        >>> thruster = ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))
-        >>> thruster(2.0, ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
+        >>> ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))(2.0, start)
         Array([0. , 0. , 0.5], dtype=float64)
     """
 
@@ -77,9 +76,8 @@ class VelocityDependent(Torque):
         function: `function(t, state) -> (3,)`, body frame.
 
     Examples:
-        >>> drag = ml.torques.VelocityDependent(lambda t, state: -0.5 * jnp.abs(state.momentum) * state.momentum)
-        >>> drag(0.0, ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0]))
-        Array([-0.5, -2. , -8. ], dtype=float64)
+        >>> ml.torques.VelocityDependent(lambda t, state: -0.5 * state.momentum)(0.0, start)
+        Array([ -0.,  -0., -25.], dtype=float64)
     """
 
     function: TorqueLike

@@ -84,9 +84,8 @@ class Damping(ReadsVelocity):
             the first two must be equal, and the body is a `SymmetricRotor(moment, along)`.
 
     Examples:
-        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> ml.torques.Damping([0.5, 0.5, 0.25]).on(body)(0.0, state)
+        >>> ml.torques.Damping([0.5, 0.5, 0.25]).on(ml.RigidBody([2.0, 3.0, 4.0]))(0.0, state)
         Array([-0.5 , -0.5 , -0.25], dtype=float64)
     """
 
@@ -141,9 +140,8 @@ class BodyTorque(ReadsBody):
 
     Examples:
         >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
-        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> brake.on(ml.RigidBody([2.0, 3.0, 4.0]))(0.0, state)
-        Array([-0.5, -0.5, -0.5], dtype=float64)
+        >>> brake.on(body)(0.0, start)
+        Array([ -0.,  -0., -25.], dtype=float64)
     """
 
     function: Callable[[Any, Any, Any], Array]

@@ -117,17 +117,13 @@ class PointMass(_Gravity):
 
     Attributes:
         mu: gravitational parameter, (), length^3/time^2.
-        gradient: False omits the terms of second order: the body moves like a point and does not rotate.
-
-    Raises:
-        ValueError: mu not positive and finite. When called: body and state do not translate; with the gradient, a
-            `SymmetricRotor` has no `along`.
+        gradient: whether the terms of second order act; without them, the body moves like a point and does not rotate.
+            With them, a `SymmetricRotor` needs `along`.
 
     Examples:
         >>> earth = ml.torques.PointMass(mu=3.986e14)  # m^3/s^2
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)  # kg m^2 and kg
-        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
-        >>> round(float(earth.on(body)(0.0, state).force[0]), 4)  # N, -mu m / r^2
+        >>> satellite = ml.FreeState([0.0] * 3, [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
+        >>> round(float(earth.on(ml.FreeBody(body, mass=10.0))(0.0, satellite).force[0]), 4)  # N, -mu m / r^2
         -81.3469
     """
 
@@ -183,9 +179,8 @@ class Oblateness(_Gravity):
 
     Examples:
         >>> planet = ml.torques.Oblateness(mu=3.986e14, radius=6.378e6, j2=1.0826e-3)  # the Earth, m^3/s^2 and m
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
-        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
-        >>> round(float(planet.on(body)(0.0, state).force[0]), 4)  # N, above the equator
+        >>> satellite = ml.FreeState([0.0] * 3, [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
+        >>> round(float(planet.on(ml.FreeBody(body, mass=10.0))(0.0, satellite).force[0]), 4)  # N, above the equator
         -0.1097
     """
 
@@ -251,8 +246,8 @@ class Magnus(ReadsBody):
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
-        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
-        >>> ml.torques.Magnus(0.25).on(ball)(0.0, state).force[1].item()  # 0.25 (0, 0, 2) x (2, 0, 0)
+        >>> thrown = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
+        >>> ml.torques.Magnus(0.25).on(ball)(0.0, thrown).force[1].item()  # 0.25 (0, 0, 2) x (2, 0, 0)
         1.0
     """
 
