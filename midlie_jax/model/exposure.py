@@ -147,7 +147,8 @@ def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Ex
         scaled = jnp.broadcast_to(friction, jnp.broadcast_shapes(friction.shape, masses.shape)) / masses
         lost, spread = _functions(scaled, time)
         lost, spread = roots[..., :, None] * lost / roots[..., None, :], roots[..., :, None] * spread
-        return Exposure(rows(lost), rows(spread if root is None else root * spread))
+        spread = spread if root is None else root * spread
+        return Exposure(rows(lost), rows(spread))
     each = cp.vector(friction) if friction.ndim else (friction,) * 3
     pairs = [_of_number(g, moment, time) for g, moment in zip(each, moments, strict=True)]
     spread = tuple(s if root is None else root * s for _, s in pairs)
