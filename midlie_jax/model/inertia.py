@@ -27,8 +27,8 @@ class Inertia(NamedTuple):
         middle: the unit vector along the axis of the middle moment.
 
     Examples:
-        >>> jnp.stack(ml.flights.Inertia.of(ml.RigidBody([2.0, 3.0, 4.0])).velocity((2.0, 6.0, 12.0)))
-        Array([1., 2., 3.], dtype=float64)
+        >>> jnp.stack(ml.flights.Inertia.of(ml.RigidBody([1.0, 2.0, 2.5])).velocity(momentum)).round(4)
+        Array([ 1.  ,  0.4 , -0.52], dtype=float64)
     """
 
     moments: cp.Vector
