@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from midlie_jax._math import components, short_series, weierstrass
 from midlie_jax.integrators.flights import jacobi, lie_midpoint
-from midlie_jax.integrators.formulas import DOP853
+from midlie_jax.integrators.runge_kutta import DOP853, Tableau
 
 SOURCES = tuple(Path(__file__).parent.glob("limit*.[ch]*"))
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=gnu11", "-Wno-psabi")
@@ -104,8 +104,10 @@ def header(dtype: str) -> str:
     names = ("SIGMA", "SIGMA_SQUARED_WP", "SIGMA_ODD")
     for name, table in zip(names, weierstrass.step_tables(jacobi.LARGEST_TURN, epsilon), strict=True):
         defined[f"{name}(p, g2, g3)"] = _horner(table, ("g3", "g2", "p"))
-    rows = {f"STAGE_{n}": row for n, row in enumerate(DOP853.stages) if row}
-    for name, row in {**rows, "STEP": DOP853.weights}.items():
+    table = DOP853.formula
+    assert isinstance(table, Tableau)
+    rows = {f"STAGE_{n}": row for n, row in enumerate(table.stages) if row}
+    for name, row in {**rows, "STEP": table.weights}.items():
         defined[f"{name}(k)"] = _sum(f"(REAL){weight!r} * k({n})" for n, weight in row.items())
     lines = [f"#define {name} {value}" for name, value in defined.items()]
     lines.append(f"TABLE int MORE[] = {{{', '.join(map(str, more))}}};")

@@ -54,7 +54,7 @@ MUTANTS = {
     "SYMMETRIC": ("integrators/flights/symmetric.py", "h / 2 * ((c «-→+» a) * momentum[2])", "flights"),
     "LIEMID": ("integrators/flights/lie_midpoint.py", "cp.scale(2«→.001» * factor, u)", "flights"),
     "DLM": (
-        *("integrators/flights/three_axis.py", "((2, 0.5), (1, 0.5), (0, 1.0), («1, 0.5), (2→2, 0.5), (1», 0.5))"),
+        *("integrators/flights/rotations.py", "((2, 0.5), (1, 0.5), (0, 1.0), («1, 0.5), (2→2, 0.5), (1», 0.5))"),
         "flights",
     ),
     "CHIN4A": ("integrators/schemes.py", "(0.0, 1 / «48→24», 0.0)", "schemes order_conditions"),

@@ -4,8 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from midlie_jax._xla.calls import Operation, perform
-from midlie_jax._xla.hoisting import hoist
+from midlie_jax._xla.hoisting import Operation, hoist, perform
 
 COUNT = 7
 

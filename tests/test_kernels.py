@@ -8,8 +8,7 @@ import re
 import pytest
 from cases import benchmark
 
-from midlie_jax.integrators.formulas import Extrapolation
-from midlie_jax.integrators.runge_kutta import RungeKutta
+from midlie_jax.integrators.runge_kutta import Extrapolation, RungeKutta
 
 kernels = benchmark("kernels")
 

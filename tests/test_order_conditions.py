@@ -10,13 +10,12 @@ from functools import cache
 
 import pytest
 
-from midlie_jax.integrators import rkn8, schemes
+from midlie_jax.integrators import schemes
 
 DIGITS = 60
 TABLES = [name for name, s in schemes.SCHEMES.items() if not s.gradients and not s.random]
 PRECISE = {
-    "RKN8": (rkn8.RKN8_FLIGHTS.split(), rkn8.RKN8_KICKS.split()),
-    "RKN8G": (rkn8.RKN8G_FLIGHTS.split(), rkn8.RKN8G_KICKS.split()),
+    **{name: (flights.split(), kicks.split()) for name, (flights, kicks) in schemes.ORDER_8.items()},
 }
 
 

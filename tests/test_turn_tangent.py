@@ -14,7 +14,7 @@ from midlie_jax._math import components as cp
 from midlie_jax._math.weierstrass import moment_functions, sigma_functions
 from midlie_jax.integrators import flights
 from midlie_jax.integrators.flights import jacobi
-from midlie_jax.integrators.flights.exact import ExactFlight, Known
+from midlie_jax.integrators.flights.exact import ExactFlight, Known, carry
 from midlie_jax.integrators.flights.jacobi import lag
 from midlie_jax.model.kind import Kind
 from midlie_jax.model.states.rigid import Rotation
@@ -145,9 +145,8 @@ def test_carrying_a_pose_is_flying_and_turning(flight):
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)
-        flown, end = flight.carry(
-            Kind(ml.RigidState, ml.RigidState.leaves), inertia, h, cp.vector(momentum), pose, no_step, known
-        )
+        kind = Kind(ml.RigidState, ml.RigidState.leaves)
+        flown, end = carry(flight, kind, inertia, h, cp.vector(momentum), known, pose, no_step)
         return jnp.stack([*flown.change, *end])
 
     where = moments, h, momentum, attitude

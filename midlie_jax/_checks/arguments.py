@@ -49,7 +49,6 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
 
 
 def as_finite(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """`as_floats` of finite numbers."""
     array = as_floats(name, value, shape)
     require_finite(name, array)
     return array
@@ -58,14 +57,12 @@ def as_finite(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
 def as_positive(
     name: str, value: Any, shape: tuple[int, ...] | None = None, *, cure: str = "check its units."
 ) -> Array:
-    """`as_floats` of positive, finite numbers."""
     array = as_floats(name, value, shape)
     require(name, array, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", cure)
     return array
 
 
 def as_not_negative(name: str, value: Any, *, cure: str = "check its units.") -> Array:
-    """`as_floats` of finite numbers that are at least 0."""
     array = as_floats(name, value)
     require(name, array, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", cure)
     return array
@@ -103,7 +100,6 @@ def is_key(value: Any) -> bool:
 
 
 def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]:
-    """A function of time unchanged; any other value as a finite vector (..., 3)."""
     if callable(value):
         require_function(name, value, "t")
         return cast(Callable[[Any], Array], value)
@@ -111,14 +107,11 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
 
 
 def vector_at(name: str, value: Any, t: Any) -> Array:
-    """The vector (..., 3), or the value of a function of time; a ValueError if that is not a vector.
-
-    JAX reads beyond the end of an array without an error: with two components the last would count twice.
-    """
+    """The vector (..., 3), or the value of a function of time; a ValueError if that is not a vector."""
     if not callable(value):
         return value
     vector: Any = value(t)
-    if getattr(vector, "shape", ())[-1:] != (3,):
+    if getattr(vector, "shape", ())[-1:] != (3,):  # of two components, JAX would read the last twice
         raise ValueError(
             f"{name} is a function of time, which must return an array (3,), got {described(vector)}; "
             "use jnp.array([x, y, z]) or jnp.stack([x, y, z])."
@@ -160,10 +153,7 @@ def as_count(name: str, value: Any) -> int:
 
 
 def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
-    """Raises unless all entries of `holds(value)` are true. A traced value is not checked.
-
-    The message is "{name} {problem}, got {value}; {cure}".
-    """
+    """Raises "{name} {problem}, got {value}; {cure}" unless the value is traced or all of `holds(value)` are true."""
     if is_traced(value):
         return
     numbers = np.asarray(value)
@@ -188,10 +178,7 @@ def cure_of(value: Any, cure: str) -> str:
 
 
 def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
-    """`require` for vectors (..., n); for a batch the message counts and names the wrong rows.
-
-    `holds(value)` has the shape of the value, or of its leading axes.
-    """
+    """`require` for vectors (..., n), or for their leading axes; for a batch the message names the wrong rows."""
     if is_traced(value):
         return
     numbers = np.asarray(value)
@@ -223,20 +210,16 @@ def require_finite(name: str, value: Any) -> None:
 
 
 def require_resolved(name: str, times: Any, dtype: Any, start: Any = None) -> None:
-    """Raises if the dtype cannot distinguish the times (and the time `start`), which are far from zero and close to
-    each other.
+    """Raises if the dtype cannot distinguish the times (and the time `start`).
 
     Half of the intervals between two different times must be at least `LEAST_ULPS` units in the last place of the later
-    time. Times that start at zero are therefore valid, because each is rounded relative to itself.
+    time.
     """
     if is_traced(times, start):
         return
     numbers = np.asarray(times, np.float64)
-    numbers = numbers if start is None else np.append(numbers, float(start))
+    numbers = np.sort(numbers if start is None else np.append(numbers, float(start)))
     gaps = np.diff(numbers)
-    if gaps.min(initial=0.0) < 0:
-        numbers = np.sort(numbers)
-        gaps = np.diff(numbers)
     gaps, ends = gaps[gaps > 0], np.maximum(np.abs(numbers[1:]), np.abs(numbers[:-1]))[gaps > 0]
     if not gaps.size or not np.isfinite(ends).all():
         return
@@ -276,10 +259,7 @@ def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
 
 
 def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] = (), note: str = "") -> ValueError:
-    """The error for a name that is not in `known`; it suggests the nearest name and lists the known ones.
-
-    Names in `more` can be suggested but are not listed.
-    """
+    """The error for a name that is not in `known`; it suggests the nearest name, also of `more`, and lists `known`."""
     known = list(known)
     by_folded_name = {choice.casefold(): choice for choice in (*more, *reversed(known))}
     nearest = get_close_matches(str(name).casefold(), by_folded_name, n=1)
@@ -288,9 +268,8 @@ def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] =
 
 
 def progress_line(progress: Any) -> Callable[[str], None]:
-    """A function that writes a text over the last line of stderr, and erases the line for "".
-
-    It does nothing if `progress` is False or a function, or if it is None and stderr is no terminal.
+    """A function that writes a text over the last line of stderr; nothing if `progress` is False or a function, or None
+    without a terminal.
     """
     shown = not callable(progress) and (sys.stderr.isatty() if progress is None else progress)
     return lambda text: print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True) if shown else None

@@ -86,6 +86,11 @@ def times(a: Vector, b: Vector) -> Vector:
     return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
 
 
+def others(a: Vector) -> Vector:
+    """The products of the two other components."""
+    return a[1] * a[2], a[2] * a[0], a[0] * a[1]
+
+
 def dot(a: Vector, b: Vector) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -195,8 +200,8 @@ def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vecto
 def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
     """rotate_back_about(axis, cosine, sine, v) - v, for a vector that rotates at every step by a similar angle.
 
-    The rotation is a product of three shears, which preserve areas even though their coefficients are rounded. A
-    rotation matrix with rounded entries would change the length of v by the same factor at every step.
+    It is a product of three shears, which preserve areas even though their coefficients are rounded. A rotation matrix
+    with rounded entries would change the length of v by the same factor at every step.
     """
     j, k = (axis + 1) % 3, (axis + 2) % 3
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
@@ -278,10 +283,9 @@ def rough_reciprocal(x: Array) -> Array:
 
 @jax.custom_jvp
 def reciprocal(x: Array) -> Array:
-    """1/x to one or two units in the last place, without a division. Wrong at zero and near underflow and overflow.
+    """1/x to one or two units in the last place. Wrong at zero and near underflow and overflow.
 
-    XLA treats a division as too expensive to repeat and does not fuse one whose result is used more than once. A single
-    division would split the one loop of a step into hundreds.
+    XLA does not fuse a division whose result is used more than once: it would split the loop of a step into hundreds.
     """
     guess = rough_reciprocal(x)
     for _ in range(_RECIPROCAL[str(x.dtype)][2]):
@@ -317,6 +321,18 @@ def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Ar
     return result, -0.5 * result * result * result * tangents[0]
 
 
+def fast_root(x: Array) -> Array:
+    """The square root of a normal x > 0 by `inverse_root`."""
+    return x * inverse_root(x)
+
+
+def cayley(turn: Vector) -> Quaternion:
+    """(1 - w^/2)^-1 (1 + w^/2) as a unit quaternion, for the vector w."""
+    x, y, z = scale(0.5, turn)
+    factor = inverse_root(1 + x * x + y * y + z * z)
+    return factor, factor * x, factor * y, factor * z
+
+
 def normalised(q: Quaternion) -> Quaternion:
     """q / |q|, for a quaternion of any nonzero length."""
     factor = inverse_root(q[0] * q[0] + dot(q[1:], q[1:]))
@@ -324,9 +340,7 @@ def normalised(q: Quaternion) -> Quaternion:
 
 
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    """The polynomial with these coefficients, lowest first, by Estrin's scheme, whose operations depend less on each
-    other.
-    """
+    """The polynomial with these coefficients, lowest first, by Estrin's scheme."""
     terms: list[Any] = list(coefficients)
     while len(terms) > 1:
         pairs = zip(terms[0::2], terms[1::2], strict=False)

@@ -43,8 +43,7 @@ class Modulus(NamedTuple):
     def point(self, sn: Array, cn: Array) -> Point:
         """The point with these sn and cn, up to a common factor near 1.
 
-        At m1 = 0, where cn and dn decay to zero, cn is bounded from below by a small number. Then dn^2 is never below
-        the smallest complement, and neither 1 / dn^2 nor its square overflows.
+        At m1 = 0, where cn and dn decay to zero, cn has a small lower bound, so that no power of 1 / dn overflows.
         """
         factor = cp.inverse_root(sn * sn + cn * cn)
         sn, cn = factor * sn, factor * cn
@@ -67,7 +66,7 @@ def smallest_complement(like: Array) -> float:
 def half_angle_of(above: Array, below: Array) -> Complex:
     """Half of arctan(above / below) in the addition theorem of the module docstring, with below at least 1."""
     square = above * above + below * below
-    return square * cp.inverse_root(square) + below, above
+    return cp.fast_root(square) + below, above
 
 
 def product(a: Complex, b: Complex) -> Complex:
@@ -83,9 +82,8 @@ _STEPS = 10  # enough for m1 down to 1e-60
 
 
 def complete(m1: Array, p: Array) -> Array:
-    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn, for m1 > 0 and p > 0.
-
-    It is K for p = 1, and Pi(n, m) for p = 1 - n.
+    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn, for m1 > 0 and p > 0: K for
+    p = 1, and Pi(n, m) for p = 1 - n.
     """
     kc = jnp.sqrt(m1)
     p = jnp.sqrt(p)

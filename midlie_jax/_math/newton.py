@@ -1,6 +1,7 @@
 """Newton's method for three equations, in a fixed number of iterations, so that it fuses into a step."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,6 +12,10 @@ from .._xla.fusion import fuse, split
 from . import components as cp
 
 Residual = Callable[[cp.Vector], cp.Vector]
+# Pairs of Newton steps in `newton_pairs`: three suffice for DMV up to h |Omega| = 0.7, where two roots come close to
+# each other, and for SLIEMID up to |Psi| = 0.3 and ratios of the moments of 1e3. Beyond, a solve may fail; `ok` is then
+# False.
+PAIRS = 3
 
 
 def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: bool = False) -> tuple[cp.Vector, Array]:
@@ -36,18 +41,34 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
     return x, cp.largest(jax.lax.stop_gradient(residual(x)))
 
 
-def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x: cp.Vector, count: int) -> cp.Vector:
-    """The approximate root after `count` pairs of Newton steps; both steps use the Jacobian at the start of their pair.
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def newton_pairs(
+    residual: Callable[..., cp.Vector],
+    slope: Callable[..., cp.Columns],
+    guess: Callable[..., cp.Vector],
+    *arguments: Any,
+) -> cp.Vector:
+    """The root x of residual(*arguments, x) near guess(*arguments), with derivatives of any order by the implicit
+    function theorem.
 
-    `slope` gives the columns of the Jacobian, which flights have in closed form. Each pair is a separate loop: within
-    one loop XLA's emitter would evaluate these residuals many times, but it cannot repeat work across loops.
+    `slope` gives the columns of the Jacobian. Both Newton steps of a pair use the Jacobian at its start. Each pair is a
+    separate loop, because within one loop XLA's emitter would evaluate these residuals many times.
     """
-    for _ in range(count):
-        inverse = cp.Inverse3.of(slope(x))
+    x = guess(*arguments)
+    for _ in range(PAIRS):
+        inverse = cp.Inverse3.of(slope(*arguments, x))
         for _ in range(2):
-            x = cp.subtract(x, inverse.times(residual(x)))
+            x = cp.subtract(x, inverse.times(residual(*arguments, x)))
         x = split(x)
     return x
+
+
+@newton_pairs.defjvp
+def _newton_pairs_jvp(residual: Any, slope: Any, guess: Any, primals: Any, tangents: Any) -> Any:
+    x = split(newton_pairs(residual, slope, guess, *primals))
+    inverse = cp.Inverse3.of(slope(*primals, x))
+    _, change = jax.jvp(lambda *arguments: residual(*arguments, x), primals, tangents)
+    return x, cp.scale(-1, inverse.times(change))
 
 
 def _solve_linear(linear: Callable[[Any], Any], right: Any) -> Any:

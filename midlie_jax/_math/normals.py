@@ -3,12 +3,10 @@
 A body draws the same numbers in any batch, and a resumed run those of an uninterrupted run. Two words make two numbers,
 a radius and a point on the circle (G. Box and M. Muller, 1958), by bit operations and short polynomials: XLA would end
 a loop at a true root or logarithm that is used twice. All is computed in float32, whose relative errors of 2e-7 shift
-the variance by less than 1e-7. Compilers differ in the last places, in contracting products and sums.
+the variance by less than 1e-7. Compilers differ in the last places.
 
 The words are mixed as in pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU rendering, J. Comput. Graph. Tech.
-9(3), 2020). pcg4d itself is too weak for keys, because its low output bits do not depend on the highest input bits.
-Here words are folded first, and the result last; each input bit then changes
-each output bit with probability 1/2.
+9(3), 2020), and folded before and after; each input bit then changes each output bit with probability 1/2.
 """
 
 import math
@@ -87,11 +85,8 @@ def _radius(word: Array) -> Array:
     # u = 2^n (1 + x); n is exactly zero for u near 1, where the result depends on x alone.
     n = bits & ~np.int32(_FRACTION)
     x = _of_bits((bits & np.int32(_FRACTION)) + np.int32(_ROOT_HALF)) - np.float32(1)
-    return _root(_polynomial(LOGARITHM, x) * x - _converted(n) * np.float32(math.log(2) / 2**23))
-
-
-def _converted(n: Array) -> Array:
-    return jax.lax.convert_element_type(n, jnp.float32)
+    logarithm = _polynomial(LOGARITHM, x) * x
+    return _root(logarithm - jax.lax.convert_element_type(n, jnp.float32) * np.float32(math.log(2) / 2**23))
 
 
 def _root(x: Array) -> Array:
@@ -102,11 +97,7 @@ def _root(x: Array) -> Array:
 
 
 def _on_circle(word: Array) -> tuple[Array, Array]:
-    """sqrt(2) (cos a, sin a) of an angle a in the first quarter.
-
-    The square root of two comes from Box and Muller. With a = pi/4 + b both are sums of cos b and sin b, without a
-    choice of octant.
-    """
+    """sqrt(2) (cos a, sin a) of an angle a = pi/4 + b in the first quarter, sums of cos b and sin b."""
     b = _float(word) * np.float32(math.pi / 2**33)
     square = b * b
     cosine, sine = _polynomial(COSINE, square), b * _polynomial(SINE, square)
@@ -133,9 +124,7 @@ _ROOTS = (0x6A09E667, 0xBB67AE85, 0x3C6EF372, 0xA54FF53A, 0x510E527F, 0x9B05688C
 
 
 def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array | int, count: int) -> tuple[Array, ...]:
-    """`count` random words, uint32, for each member, from a key of two or four; step and stage are shared by all
-    members.
-    """
+    """`count` random words, uint32, for each member, from a key of two or four words."""
     blocks = -(-count // 4)
     # Each of the two is mixed separately, then both together. XLA computes the part that depends only on the key before
     # the loop over steps; the part that does not depend on the body costs nothing in a loop over bodies. The constants

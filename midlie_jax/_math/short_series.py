@@ -31,8 +31,7 @@ _ECONOMISED = 12  # terms of a series that are economised; all later terms are f
 def economised(shift: int, terms: int, bound: float = WIDEST_SQUARE) -> tuple[float, ...]:
     """Coefficients of an economised polynomial for the sum of (-x)^n / (2n + shift)!, 0 <= x <= bound.
 
-    The first two coefficients come from the series. For small x the error is therefore far below rounding, and does not
-    change the length of a vector that rotates a million times by a small angle.
+    The first two coefficients come from the series, so that for small x the error is far below rounding.
     """
     # In powers of x / bound, the coefficients of the Chebyshev polynomials are integers.
     unit = Fraction(bound)

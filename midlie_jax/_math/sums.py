@@ -9,8 +9,8 @@ _ROWS = 64  # numbers that are added in sequence
 def total(x: Array, axis: int = 0) -> Array:
     """The sum along an axis, in blocks of 64 numbers, then of 64 sums, and so on.
 
-    The number of rounding errors is 64 for each power of 64 in the number of terms, instead of one per term. Neighbours
-    along the axis are in different blocks, so all blocks are added side by side.
+    There are 64 rounding errors for each power of 64 in the number of terms, instead of one per term. Neighbours along
+    the axis are in different blocks, so all blocks are added side by side.
     """
     x = jnp.moveaxis(x, axis, 0)
     while len(x) > 1:

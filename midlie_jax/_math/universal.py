@@ -1,9 +1,8 @@
 """Kepler's equation in universal variables: one formula for ellipses, parabolas and hyperbolas, without branches.
 
 Lengths are in units of the distance of the periapsis q, times in units of sqrt(q^3 / mu). With alpha = 1/a = 1 - e, the
-universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k c_k(alpha s^2), with Stumpff's c_k, are
-cos and sin, or cosh and sinh, or powers of s. After the first guess there is no division, at which XLA would end a
-loop.
+universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k c_k(alpha s^2) have Stumpff's c_k.
+After the first guess there is no division, at which XLA would end a loop.
 
 R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), sections 4.5 and 4.6.
 """
@@ -31,10 +30,9 @@ class Powers(NamedTuple):
 
 
 def powers(alpha: Array, s: Array) -> Powers:
-    """The functions U_k at s: short series for s / 16, doubled four times, without a division.
+    """The functions U_k at s: short series for s / 16, doubled four times.
 
-    For negative alpha there is no difference either, and the relative error equals the error of s; on an ellipse it is
-    a few eps of 1 / sqrt(alpha)^k.
+    For negative alpha the relative error equals the error of s; on an ellipse it is a few eps of 1 / sqrt(alpha)^k.
     """
     short = s / 2**_HALVINGS
     square = short * short
@@ -77,9 +75,8 @@ class Place(NamedTuple):
         return lack * cp.reciprocal(first + d * (second / 2 + d * third / 6))
 
     def last_correction(self, u: Powers, time: Array) -> Array:
-        """The change of s by a step of fourth order, the reversed series, for an s close to the root.
-
-        If s is the root without its derivatives, the result has the derivatives up to the third.
+        """The change of s by the reversed series of fourth order, for an s close to the root; also its derivatives up
+        to the third, if s is the root without derivatives.
         """
         first, second, third = self.slopes(u)
         inverse = cp.reciprocal(first)

@@ -7,14 +7,13 @@ Four entire functions of time, at time one and with the parameter v,
 and T = sigma(2) / (2 sigma(1)), the product of the three E_l = S (wp(1) - e_l)^(1/2) with e_l the roots of 4 x^3 - g2 x
 - g3, have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
 recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds hold
-if p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither periods nor
-the nome, so two equal roots are not a special case.
+if p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. Two roots may be equal.
 
 E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23.
 """
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from functools import cache
 from math import factorial
@@ -28,96 +27,46 @@ from . import components as cp
 _TRUNCATION = 1 / 8
 _DEGREE = 30
 
-# The coefficients of a polynomial by its powers of (p, g2, g3), which count as 2, 4 and 6 powers of time.
-Polynomial = dict[tuple[int, int, int], Fraction]
-_ZERO: Polynomial = {}
-_ONE: Polynomial = {(0, 0, 0): Fraction(1)}
-_G2: Polynomial = {(0, 1, 0): Fraction(1)}
-_G3: Polynomial = {(0, 0, 1): Fraction(1)}
-# wp'^2 = 4 p^3 - g2 p - g3 and wp'' = 6 p^2 - g2 / 2
-_WP_PRIME_SQUARED: Polynomial = {(3, 0, 0): Fraction(4), (1, 1, 0): Fraction(-1), (0, 0, 1): Fraction(-1)}
-_WP_SECOND: Polynomial = {(2, 0, 0): Fraction(6), (0, 1, 0): Fraction(-1, 2)}
 
+class Polynomial(dict[tuple[int, int, int], Fraction]):
+    """Coefficients by the powers of (p, g2, g3), without those that count as more than `_DEGREE` powers of time."""
 
-def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
-    total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
-    for factor, polynomial in terms:
-        for powers, c in polynomial.items():
-            total[powers] += factor * c
-    return {powers: c for powers, c in total.items() if c}
+    def __add__(self, other: "Polynomial") -> "Polynomial":
+        total = defaultdict(Fraction, self)
+        for powers, c in other.items():
+            total[powers] += c
+        return Polynomial({powers: c for powers, c in total.items() if c})
 
+    def __sub__(self, other: "Polynomial") -> "Polynomial":
+        return self + other * -1
 
-def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    """a b, without powers of time above `_DEGREE`."""
-    total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
-    weighted = [(powers, y, _weight(powers)) for powers, y in b.items()]
-    for (i, j, k), x in a.items():
-        room = _DEGREE - _weight((i, j, k))
-        for (p, q, r), y, weight in weighted:
-            if weight <= room:
-                total[i + p, j + q, k + r] += x * y
-    return {powers: c for powers, c in total.items() if c}
+    def __mul__(self, other: "Polynomial | Fraction | int") -> "Polynomial":
+        if not isinstance(other, Polynomial):
+            return Polynomial({powers: c * other for powers, c in self.items()})
+        total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
+        weighted = [(powers, y, _weight(powers)) for powers, y in other.items()]
+        for (i, j, k), x in self.items():
+            room = _DEGREE - _weight((i, j, k))
+            for (p, q, r), y, weight in weighted:
+                if weight <= room:
+                    total[i + p, j + q, k + r] += x * y
+        return Polynomial({powers: c for powers, c in total.items() if c})
 
+    def over(self, divisor: "Polynomial") -> "Polynomial":
+        """The quotient as a series in time, for a divisor that begins with 1."""
+        total = Polynomial()
+        for weight in range(0, _DEGREE + 1, 2):
+            rest = self - total * divisor
+            total |= Polynomial({powers: c for powers, c in rest.items() if _weight(powers) == weight})
+        return total
 
-class _Pair(NamedTuple):
-    even: Polynomial
-    odd: Polynomial
+    def slope(self, shift: int = 0) -> "Polynomial":
+        """(d/dt + shift) of the polynomial at time one."""
+        return Polynomial({powers: (shift + _weight(powers)) * c for powers, c in self.items()})
 
-    def times(self, other: "_Pair") -> "_Pair":
-        odd_odd = _product(_product(self.odd, other.odd), _WP_PRIME_SQUARED)
-        even = _sum((1, _product(self.even, other.even)), (1, odd_odd))
-        return _Pair(even, _sum((1, _product(self.even, other.odd)), (1, _product(self.odd, other.even))))
-
-    def derivative(self) -> "_Pair":
-        even, odd = _derivative_in_p(self.even), _derivative_in_p(self.odd)
-        return _Pair(_sum((1, _product(odd, _WP_PRIME_SQUARED)), (1, _product(self.odd, _WP_SECOND))), even)
-
-
-def _derivative_in_p(polynomial: Polynomial) -> Polynomial:
-    return {(i - 1, j, k): i * c for (i, j, k), c in polynomial.items() if i}
-
-
-def _exponential(logarithm: dict[int, _Pair]) -> list[_Pair]:
-    """The power series f = exp(l) from the coefficients l_k: n f_n = sum of k l_k f_(n-k)."""
-    series = [_Pair(_ONE, _ZERO)]
-    for n in range(1, _DEGREE + 1):
-        terms = [(Fraction(k, n), logarithm[k].times(series[n - k])) for k in logarithm if k <= n]
-        series.append(_Pair(_sum(*((c, pair.even) for c, pair in terms)), _sum(*((c, pair.odd) for c, pair in terms))))
-    return series
-
-
-@cache
-def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
-    """S, W, the odd part of F, and T; the power of time of a term is the `_weight` of its powers."""
-    laurent = {0: _ONE, 2: _sum((Fraction(1, 20), _G2)), 3: _sum((Fraction(1, 28), _G3))}  # of t^2 wp(t), in t^2
-    for n in range(4, _DEGREE // 2 + 1):
-        products = [(1, _product(laurent[k], laurent[n - k])) for k in range(2, n - 1)]
-        laurent[n] = _sum((Fraction(3, (2 * n + 1) * (n - 3)), _sum(*products)))
-    sigma = _exponential(
-        {2 * n: _Pair(_sum((Fraction(-1, 2 * n * (2 * n - 1)), c)), _ZERO) for n, c in laurent.items() if n}
-    )
-    s = _sum(*((1, pair.even) for pair in sigma))
-    w = _product(_product(s, s), _sum(*((1, c) for c in laurent.values())))
-
-    shift, wp = {}, _Pair({(1, 0, 0): Fraction(1)}, _ZERO)
-    for n in range(2, _DEGREE + 1):
-        factor = Fraction(-((-1) ** n), factorial(n))
-        shift[n] = _Pair(_sum((factor, wp.even)), _sum((factor, wp.odd)))
-        wp = wp.derivative()
-    return s, w, _sum(*((1, pair.odd) for pair in _exponential(shift))), _quotient(_twice_as_long(s), s)
-
-
-def _twice_as_long(polynomial: Polynomial) -> Polynomial:
-    return {powers: 2 ** _weight(powers) * c for powers, c in polynomial.items()}
-
-
-def _quotient(above: Polynomial, below: Polynomial) -> Polynomial:
-    """above / below as a series in time, for a divisor that begins with 1."""
-    total: Polynomial = {}
-    for weight in range(0, _DEGREE + 1, 2):
-        rest = _sum((1, above), (-1, _product(total, below)))
-        total |= {powers: c for powers, c in rest.items() if _weight(powers) == weight}
-    return total
+    def derivative(self) -> "Polynomial":
+        """The derivative in p."""
+        return Polynomial({(i - 1, j, k): i * c for (i, j, k), c in self.items() if i})
 
 
 def _weight(powers: tuple[int, int, int]) -> int:
@@ -125,9 +74,58 @@ def _weight(powers: tuple[int, int, int]) -> int:
     return 2 * powers[0] + 4 * powers[1] + 6 * powers[2]
 
 
-def _slope(polynomial: Polynomial, shift: int = 0) -> Polynomial:
-    """(d/dt + shift) of the polynomial at time one."""
-    return {powers: (shift + _weight(powers)) * c for powers, c in polynomial.items()}
+_ZERO, _ONE = Polynomial(), Polynomial({(0, 0, 0): Fraction(1)})
+_P, _G2, _G3 = (Polynomial({powers: Fraction(1)}) for powers in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+_WP_PRIME_SQUARED = _P * _P * _P * 4 - _G2 * _P - _G3
+_WP_SECOND = _P * _P * 6 - _G2 * Fraction(1, 2)
+
+
+class _Pair(NamedTuple):
+    """even + wp'(v) odd."""
+
+    even: Polynomial
+    odd: Polynomial
+
+    def times(self, other: "_Pair") -> "_Pair":
+        even = self.even * other.even + self.odd * other.odd * _WP_PRIME_SQUARED
+        return _Pair(even, self.even * other.odd + self.odd * other.even)
+
+    def scaled(self, factor: Fraction) -> "_Pair":
+        return _Pair(self.even * factor, self.odd * factor)
+
+    def derivative(self) -> "_Pair":
+        return _Pair(self.odd.derivative() * _WP_PRIME_SQUARED + self.odd * _WP_SECOND, self.even.derivative())
+
+
+def _sum(pairs: Iterable[_Pair]) -> _Pair:
+    even, odd = zip(*pairs, strict=True)
+    return _Pair(sum(even, _ZERO), sum(odd, _ZERO))
+
+
+def _exponential(logarithm: dict[int, _Pair]) -> _Pair:
+    """The power series f = exp(l) at time one from the coefficients l_k: n f_n = sum of k l_k f_(n-k)."""
+    series = [_Pair(_ONE, _ZERO)]
+    for n in range(1, _DEGREE + 1):
+        terms = (logarithm[k].times(series[n - k]).scaled(Fraction(k, n)) for k in logarithm if k <= n)
+        series.append(_sum([_Pair(_ZERO, _ZERO), *terms]))
+    return _sum(series)
+
+
+@cache
+def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
+    """S, W, the odd part of F, and T; the power of time of a term is the `_weight` of its powers."""
+    laurent = {0: _ONE, 2: _G2 * Fraction(1, 20), 3: _G3 * Fraction(1, 28)}  # of t^2 wp(t), in t^2
+    for n in range(4, _DEGREE // 2 + 1):
+        products = (laurent[k] * laurent[n - k] for k in range(2, n - 1))
+        laurent[n] = sum(products, _ZERO) * Fraction(3, (2 * n + 1) * (n - 3))
+    s = _exponential({2 * n: _Pair(c * Fraction(-1, 2 * n * (2 * n - 1)), _ZERO) for n, c in laurent.items() if n}).even
+    twice_as_long = Polynomial({powers: 2 ** _weight(powers) * c for powers, c in s.items()})
+
+    shift, wp = {}, _Pair(_P, _ZERO)
+    for n in range(2, _DEGREE + 1):
+        shift[n] = wp.scaled(Fraction(-((-1) ** n), factorial(n)))
+        wp = wp.derivative()
+    return s, s * s * sum(laurent.values(), _ZERO), _exponential(shift).odd, twice_as_long.over(s)
 
 
 @cache
@@ -143,37 +141,25 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
     that are the quotients below; both divisions leave no remainder.
     """
     s, w, _, _ = coefficients()
-    squared = _product(s, s)
-    fourth = _product(squared, squared)
-    z = _slope(s, 1)
-    v = _sum((1, _product(_slope(w, -2), s)), (-2, _product(w, _slope(s))))
-    a = _sum((2, _product(squared, w)), (2, _product(_product(squared, s), z)))
-    b = _sum(
-        (2, _product(w, w)),
-        (Fraction(-1, 2), _product(_G2, fourth)),
-        (-4, _product(_product(s, w), z)),
-        (-1, _product(s, v)),
-    )
-    c = _sum(
-        (Fraction(-1, 2), _product(_G2, _product(squared, w))),
-        (-1, _product(_G3, fourth)),
-        (1, _quotient(_sum((2, _product(z, _product(w, w))), (1, _product(v, w))), s)),
-        (Fraction(1, 12), _product(_G2, a)),
-    )
-    g2_squared = _product(_G2, _G2)
-    first = _sum((Fraction(1, 2), _product(g2_squared, b)), (-9, _product(_G3, c)))
-    second = _sum((1, _product(_G2, c)), (Fraction(-3, 2), _product(_G3, b)))
+    squared, half = s * s, Fraction(1, 2)
+    fourth = squared * squared
+    z = s.slope(1)
+    v = w.slope(-2) * s - w * s.slope() * 2
+    a = (squared * w + squared * s * z) * 2
+    b = w * w * 2 - _G2 * fourth * half - s * w * z * 4 - s * v
+    c = (z * w * w * 2 + v * w).over(s) - _G2 * squared * w * half - _G3 * fourth + _G2 * a * Fraction(1, 12)
+    first, second = _G2 * _G2 * b * half - _G3 * c * 9, _G2 * c - _G3 * b * Fraction(3, 2)
     return a, _over_discriminant(first), _over_discriminant(second)
 
 
-def _over_discriminant(polynomial: Polynomial) -> Polynomial:
-    """polynomial / (g2^3 - 27 g3^2), for a polynomial that is divisible by the discriminant."""
-    rest, total = polynomial, {}
+def _over_discriminant(rest: Polynomial) -> Polynomial:
+    """rest / (g2^3 - 27 g3^2), for a polynomial that is divisible by the discriminant."""
+    total = Polynomial()
     while rest:
         powers = max(rest, key=lambda powers: powers[1])
         _, j, k = powers
         total[0, j - 3, k] = rest[powers]
-        rest = _sum((1, rest), (-rest[powers], {powers: Fraction(1), (0, j - 3, k + 2): Fraction(-27)}))
+        rest = rest - Polynomial({powers: rest[powers], (0, j - 3, k + 2): -27 * rest[powers]})
     return total
 
 

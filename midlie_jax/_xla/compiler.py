@@ -5,19 +5,18 @@ Two defaults of XLA's CPU compiler increase the run time:
 - It uses vectors of 256 bits even where the processor has AVX-512, unless an option allows more. The width changes no
   bit of a result.
 - It compiles a short loop of steps as one function ("small while loop hoisting"), without vectors. A run of one body
-  becomes faster, because its steps need not be launched one by one. For many bodies a step takes several times longer.
-  From jaxlib 0.12 on, loops over thousands of bodies count as short as well. Results can differ by rounding, because
-  such a function contracts other products and sums (observed with GBS12 in float32).
+  becomes faster; for many bodies a step takes several times longer. From jaxlib 0.12 on, loops over thousands of bodies
+  count as short as well. Such a function contracts other products and sums, so results can differ by rounding.
 
-Only the outermost `jax.jit` accepts compiler options; inside another `jax.jit` or a derivative JAX raises an error.
-There `fusion.begin_step` keeps loops in vectors, which is up to 20 % slower than the option
-(`benchmarks/compiler_options.py`). The width remains at 256 bits, unless users set `XLA_FLAGS` to
-`--xla_cpu_prefer_vector_width=512` before JAX starts. If XLA_FLAGS names one of these flags, its value is used
-everywhere, and this module does not set that option.
+Only the outermost `jax.jit` accepts compiler options. Inside another `jax.jit` or a derivative, `fusion.begin_step`
+keeps loops in vectors, which is up to 20 % slower than the option (`benchmarks/compiler_options.py`), and the width
+remains at 256 bits. If XLA_FLAGS names one of these flags, its value is used everywhere, and this module does not set
+that option.
 """
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -61,41 +60,34 @@ def _has_avx512() -> bool:
         return False
 
 
+@dataclass(frozen=True)
 class _Number:
-    def __init__(self, value: Any):
-        self.value, self._kind = value, kind_of(value)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Number) and self._kind == other._kind
-
-    def __hash__(self) -> int:
-        return hash(self._kind)
+    kind: Any
+    value: Any = field(compare=False)
 
 
-def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+def exact_jit(function: Callable[P, R]) -> Callable[P, R]:
     """`equinox.filter_jit` that distinguishes equal Python numbers, such as 0.0 and -0.0, or 1 and True.
 
     They can be attributes of a user's torque; the second of two such torques would get the program of the first.
     """
-    jit: Any = eqx.filter_jit  # its annotations lack the options of `jax.jit`
 
     def marked(leaf: Any) -> Any:
-        return _Number(leaf) if isinstance(leaf, int | float | complex) else leaf
+        return _Number(kind_of(leaf), leaf) if isinstance(leaf, int | float | complex) else leaf
 
     def unmarked(leaf: Any) -> Any:
         return leaf.value if isinstance(leaf, _Number) else leaf
 
+    @eqx.filter_jit
     @wraps(function)
     def of_marked(*args: Any, **kwargs: Any) -> R:
         args, kwargs = jax.tree.map(unmarked, (args, kwargs))
         return function(*args, **kwargs)
 
-    jitted = jit(of_marked, **options)
-
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         args, kwargs = jax.tree.map(marked, (args, kwargs))
-        return jitted(*args, **kwargs)
+        return of_marked(*args, **kwargs)
 
     return call
 
@@ -104,11 +96,9 @@ def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = lambda *arg
     """`exact_jit`, with `compiler_options` if the program is outermost, also under `jax.vmap`.
 
     An outermost call finds its program by the structure of its arguments and passes only the arrays, in a fraction of
-    the time of `exact_jit`. `bodies` returns the number of bodies from the arguments; axes of `jax.vmap` are counted in
-    addition.
+    the time of `exact_jit`. `bodies` returns the number of bodies from the arguments, without axes of `jax.vmap`.
     """
     plain = exact_jit(function)
-    tuned = cache(lambda options: exact_jit(function, compiler_options=dict(options)))
     programs: dict[Any, _Program] = {}
 
     @wraps(function)
@@ -121,12 +111,12 @@ def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = lambda *arg
         key = structure, tuple(map(kind_of, leaves)), options
         try:
             program = programs.get(key)
-        except TypeError:  # a part without a hash
-            return tuned(options)(*args, **kwargs)
+        except TypeError:  # a part without a hash, which JAX names in its error
+            return plain(*args, **kwargs)
         if program is None:
             program = _Program(function, structure, leaves, dict(options))
             remember(programs, key, program)
-        return program([leaf for leaf in leaves if is_array(leaf)])
+        return program(list(filter(is_array, leaves)))
 
     return call
 
@@ -135,26 +125,33 @@ class _Program:
     """The compiled function for arguments of one structure, as a function of their arrays."""
 
     def __init__(self, function: Callable[..., Any], structure: Any, leaves: list[Any], options: dict[str, Any]):
-        others = [None if is_array(leaf) else leaf for leaf in leaves]
-        marks = [is_array(leaf) for leaf in leaves]
+        others = _without_arrays(leaves)
         self.structure: Any = None
         self.others: list[Any] = []
 
         @wraps(function)
         def run(arrays: list[Any]) -> list[Any]:
-            given = iter(arrays)
-            leaves = [next(given) if mark else other for mark, other in zip(marks, others, strict=True)]
-            args, kwargs = structure.unflatten(leaves)
+            args, kwargs = structure.unflatten(_filled(others, arrays))
             token = vectors_by_option.set(_LEFT_OUT in options)
             try:
                 found, self.structure = jax.tree.flatten(function(*args, **kwargs))
             finally:
                 vectors_by_option.reset(token)
-            self.others = [None if is_array(leaf) else leaf for leaf in found]
-            return [leaf for leaf in found if is_array(leaf)]
+            self.others = _without_arrays(found)
+            return list(filter(is_array, found))
 
         self.compiled = jax.jit(run, compiler_options=options)
 
     def __call__(self, arrays: list[Any]) -> Any:
-        found = iter(self.compiled(arrays))
-        return self.structure.unflatten([next(found) if other is None else other for other in self.others])
+        found = self.compiled(arrays)  # its first call sets the structure and the others
+        return self.structure.unflatten(_filled(self.others, found))
+
+
+def _without_arrays(leaves: list[Any]) -> list[Any]:
+    return [None if is_array(leaf) else leaf for leaf in leaves]
+
+
+def _filled(others: list[Any], arrays: list[Any]) -> list[Any]:
+    """The leaves, with an array in place of each None; a tree has no leaf None."""
+    given = iter(arrays)
+    return [next(given) if other is None else other for other in others]

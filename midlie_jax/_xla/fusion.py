@@ -1,27 +1,21 @@
 """`fuse` makes XLA's CPU compiler compute all outputs of a step in one loop.
 
-A step has seven or more outputs, and XLA's CPU backend fuses operations for one output at a time. By default XLA emits
-one loop per output, and each of these loops repeats the whole step. With its multi-output option, it emits a hundred
-small loops that pass intermediate results through memory. The only HLO operation with many outputs that the backend can
-fuse is a reduction of many operands. `fuse` therefore broadcasts the outputs along a new axis of length two and reduces
-them along this axis by "take the last", which leaves the values unchanged. LLVM recognises that both entries are equal
-and computes only one. The whole step becomes one vectorised loop and compiles several times faster;
-`tests/test_compiled.py` counts the loops. Leaves that are not arrays of numbers, such as the typed key of a random
-torque, are unchanged.
-
-The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by itself, and the reduction would split the
-step in two (`benchmarks/kernels.py` counts the kernels). On other platforms `fuse` is therefore the identity.
+By default XLA emits one loop per output of a step, and each of these loops repeats the whole step. With its
+multi-output option, it emits a hundred small loops that pass intermediate results through memory. The only HLO
+operation with many outputs that the CPU backend can fuse is a reduction of many operands. `fuse` therefore broadcasts
+the outputs along a new axis of length two and reduces them along this axis by "take the last", which leaves the values
+unchanged. LLVM recognises that both entries are equal and computes only one; `tests/test_compiled.py` counts the loops.
+Leaves that are not arrays of numbers, such as the typed key of a random torque, are unchanged. On other platforms
+`fuse` is the identity, because their compilers fuse many outputs by themselves (`benchmarks/kernels.py`).
 
 A step, and the body of a loop within it, starts with `begin_step` and ends with `fuse`. `begin` is its counterpart
 outside of loops. `split`, `cut`, `fuse_derivative` and `fuse_second_derivative` divide a step that does not fit one
 loop; `barrier` is only for accelerators. All use one JAX primitive, which fuses tangents and cotangents as well.
 
-XLA's CPU compiler compiles a short loop as one function without vectors ("small while loop hoisting"), in which a step
-of many bodies takes several times longer. It does not do so for a loop with an operation that such a function cannot
-contain. `begin_step` therefore sorts two equal numbers, and flips a bit of the state if the result is in descending
-order, which never happens. The compiler cannot infer this. It takes about a tenth of a microsecond per step. For few
-bodies a function without vectors is faster, and `begin_step` is `begin`. The same holds if a compiler option turns the
-pass off (`compiler.py`).
+XLA's CPU compiler compiles a short loop without vectors (`compiler.py`), unless it contains an operation that such a
+function cannot contain. `begin_step` therefore sorts two equal numbers, and flips a bit of the state if the result is
+in descending order, which never happens; the compiler cannot infer this. It takes about a tenth of a microsecond per
+step. For few bodies, and if an option turns the pass off, `begin_step` is `begin`.
 """
 
 from collections import defaultdict
@@ -60,10 +54,9 @@ def fuse(tree: T) -> T:
 
 
 def begin(tree: T) -> T:
-    """The tree with its values unchanged, at the beginning of a step; the counterpart of `fuse` at its end.
+    """The tree with its values unchanged, at the beginning of a step; nothing in the step itself.
 
-    It compiles to nothing in the step itself. A reverse derivative traverses the step from its end to its beginning.
-    Cotangents that enter at `fuse` are unchanged, and cotangents that leave at `begin` are fused.
+    Cotangents of a reverse derivative enter at `fuse` unchanged, and are fused where they leave, at `begin`.
     """
     return _bind(tree, _BEGIN)
 
@@ -71,9 +64,7 @@ def begin(tree: T) -> T:
 def begin_step(tree: T) -> T:
     """`begin` in the body of a loop, which XLA's CPU compiler then computes in vectors for many bodies.
 
-    Args:
-        tree: its last leaf of many floats must be carried by the loop; the compiler would move the sort of a constant
-            out.
+    The last leaf of many floats must be carried by the loop; the compiler would move the sort of a constant out.
     """
     return _bind(tree, _BEGIN if vectors_by_option.get() else _BEGIN_STEP)
 
@@ -84,10 +75,7 @@ def split(tree: T) -> T:
 
 
 def cut(tree: T) -> T:
-    """`split` that works on an accelerator as well; the rest is a separate kernel there.
-
-    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary.
-    """
+    """`split` on accelerators as well, whose compilers divide a long step into more kernels than necessary."""
     return _bind(tree, _CUT)
 
 
@@ -114,8 +102,8 @@ def barrier(tree: T) -> T:
 def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
     """A policy of `jax.checkpoint`: keep the final values of a loop, which are in memory, and recompute the rest.
 
-    A solve that ends with `split` is therefore not repeated, as it would be without a policy. Without a checkpoint,
-    each intermediate result that the derivative reads would be an output of its loop, which would then be divided.
+    A solve that ends with `split` is therefore not repeated. Without a checkpoint, each intermediate result that the
+    derivative reads would be an output of its loop, which would then be divided.
     """
     return primitive is _fuse and _reduces(parameters["use"])
 
@@ -159,19 +147,15 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
 
 
 def _kept_in_vectors(leaves: list[Array]) -> list[Array]:
-    """The leaves, with a sort in the last leaf of many floats."""
-    large = [
-        i for i, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating) and x.size >= budgets.VECTOR_NUMBERS
-    ]
-    if not large:
-        return leaves
-    last = large[-1]
-    leaf = leaves[last]
-    integer = jnp.dtype(f"int{8 * leaf.dtype.itemsize}")
-    number = leaf.ravel()[0]
-    pair = jax.lax.sort(jnp.stack([number, number]))
-    flipped = jax.lax.bitcast_convert_type(leaf, integer) ^ (pair[1] < pair[0]).astype(integer)
-    return [*leaves[:last], jax.lax.bitcast_convert_type(flipped, leaf.dtype), *leaves[last + 1 :]]
+    for i, leaf in reversed(list(enumerate(leaves))):
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size >= budgets.VECTOR_NUMBERS:
+            integer = jnp.dtype(f"int{8 * leaf.dtype.itemsize}")
+            number = leaf.ravel()[0]
+            pair = jax.lax.sort(jnp.stack([number, number]))
+            flipped = jax.lax.bitcast_convert_type(leaf, integer) ^ (pair[1] < pair[0]).astype(integer)
+            leaves[i] = jax.lax.bitcast_convert_type(flipped, leaf.dtype)
+            break
+    return leaves
 
 
 def _separate(*leaves: Array, use: str) -> list[Array]:

@@ -2,35 +2,46 @@
 
 The position of a satellite on its orbit is the same for all bodies of an ensemble, but XLA recomputes it in every chunk
 of bodies. `hoist` splits the traced function of a step in two. `prepare` computes the values that are expensive and
-change from step to step, from the index of the step and from shared inputs. `rest` is the step that accepts these
-values as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one body. A
-loop within the step is split in the same way, and its values get an axis of iterations.
+change from step to step, from the index of the step and from shared inputs; `rest` is the step that accepts them. Cheap
+values, such as the time, stay in the step. A loop within the step is split in the same way, and its values get an axis
+of iterations.
 
-Repeated evaluations within a step are prepared in one (`calls.py`).
+A method of many stages evaluates the position on an orbit many times per step, by calls of one traced function with
+other operands. `perform` makes one call of these, along a new axis of calls; XLA would otherwise compile the function,
+which may have a thousand operations, for every call.
 """
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
-from .calls import Operation, packed, perform
 from .internals import ClosedJaxpr, Literal, bind, context_of, loop_counts
+from .mesh import is_number
 from .rules import body_of, is_expensive
 
 _SCAN, _FUSE = "scan", "fuse"
 
 
+class Operation(NamedTuple):
+    """An operation of a program; it refers to values by their numbers."""
+
+    equation: Any
+    inputs: list[int]
+    outputs: list[int]
+
+
 def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -> "Hoisted | None":
     """Splits a traced function; None if nothing is worth preparing.
 
-    For each input, `known` says whether it is available when values are prepared, `varying` whether it changes from
-    step to step.
+    For each input, `known`: available when values are prepared; `varying`: changes from step to step.
     """
     if closed.effects:
         return None
     hoisted = Hoisted(closed, known, varying)
-    return hoisted if hoisted.worthwhile else None
+    return hoisted if hoisted.prepared or hoisted.loops else None
 
 
 def _is_slow(equation: Any) -> bool:
@@ -42,8 +53,8 @@ def _is_slow(equation: Any) -> bool:
 
 
 def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bool, bool]:
-    """For each output of a traced function, whether it depends on the marked inputs; whether an operation that XLA
-    counts as expensive does; whether a slow operation (`_is_slow`) does not.
+    """For each output of a traced function, whether it depends on the marked inputs; whether an expensive operation
+    does; whether a slow operation (`_is_slow`) does not.
     """
     values = dict(zip(closed.jaxpr.invars, marked, strict=True))
     within = without = False
@@ -71,8 +82,8 @@ class Hoisted:
         self._operations: list[Operation] = []
         self._constants: dict[int, Any] = {}
         self._numbers: dict[int, int] = {}  # of the constants, by their ids
-        self._count = 0
-        self._inputs = [self._new() for _ in closed.jaxpr.invars]
+        self._new = count()
+        self._inputs = [next(self._new) for _ in closed.jaxpr.invars]
         self._known = dict(zip(self._inputs, known, strict=True))
         self._varying = dict(zip(self._inputs, varying, strict=True))
         self._prepares = dict.fromkeys(self._inputs, False)
@@ -88,18 +99,10 @@ class Hoisted:
         for i in self.prepared:
             self._groups.setdefault(i if types[i].shape else types[i].dtype, []).append(i)
 
-    @property
-    def worthwhile(self) -> bool:
-        return bool(self.prepared or self.loops)
-
-    def _new(self) -> int:
-        self._count += 1
-        return self._count - 1
-
     def _constant(self, value: Any) -> int:
         if id(value) in self._numbers:
             return self._numbers[id(value)]
-        number = self._numbers[id(value)] = self._new()
+        number = self._numbers[id(value)] = next(self._new)
         self._constants[number] = value
         self._known[number], self._varying[number], self._prepares[number] = True, False, False
         return number
@@ -120,7 +123,7 @@ class Hoisted:
             if body is not None and not all(self._known[i] for i in operands):
                 results = self._flatten(body, operands)
             else:
-                results = [self._new() for _ in equation.outvars]
+                results = [next(self._new) for _ in equation.outvars]
                 self._operations.append(Operation(equation, operands, results))
                 self._classify(len(self._operations) - 1, self._operations[-1])
             numbers |= dict(zip(equation.outvars, results, strict=True))
@@ -138,19 +141,13 @@ class Hoisted:
         prepares = known and (any(self._prepares[i] for i in inputs) or (varying and _is_slow(equation)))
         for o in outputs:
             self._known[o], self._varying[o], self._prepares[o] = known, varying, prepares
-        if equation.primitive.name == _SCAN and not known:
-            loop = self._split_loop(equation, inputs)
+        counts = loop_counts(equation) if equation.primitive.name == _SCAN and not known else None
+        if counts is not None:
+            carried = range(counts[0], sum(counts))
+            fixed = [self._known[i] and n not in carried for n, i in enumerate(inputs)]
+            loop = hoist(equation.params["jaxpr"], fixed, [self._varying[i] for i in inputs])
             if loop is not None:
                 self.loops[position] = loop
-
-    def _split_loop(self, equation: Any, inputs: list[int]) -> "Hoisted | None":
-        counts = loop_counts(equation)
-        if counts is None:
-            return None
-        carried = range(counts[0], sum(counts))
-        known = [self._known[i] and n not in carried for n, i in enumerate(inputs)]
-        split = Hoisted(equation.params["jaxpr"], known, [self._varying[i] for i in inputs])
-        return split if split.worthwhile else None
 
     def _read_by_step(self, operation: Operation) -> list[int]:
         if operation.equation.primitive.name == _FUSE:
@@ -173,17 +170,10 @@ class Hoisted:
         first = sum(loop_counts(equation) or ())
         fixed, columns = [values.get(i) for i in inputs[:first]], [values.get(i) for i in inputs[first:]]
 
-        def row(columns: Any) -> list[Any]:
-            return self.loops[position].prepare(*fixed, *columns)
+        def row(_: None, columns: Any) -> tuple[None, list[Any]]:
+            return None, self.loops[position].prepare(*fixed, *columns)
 
-        _, rows = jax.lax.scan(
-            lambda _, columns: (None, row(columns)),
-            None,
-            columns,
-            equation.params["length"],
-            equation.params["reverse"],
-        )
-        return rows
+        return jax.lax.scan(row, None, columns, equation.params["length"], equation.params["reverse"])[1]
 
     def rest(self, prepared: Sequence[Any], *inputs: Any) -> list[Any]:
         """The outputs of the function, from the prepared values and the inputs."""
@@ -230,3 +220,86 @@ class Hoisted:
         options = {name: equation.params[name] for name in ("length", "reverse", "unroll")}
         carried, kept = jax.lax.scan(turn, start, (rows, columns), **options)
         return [*carried, *kept]
+
+
+Columns = dict[tuple[int, ...], Any]  # results of one operation in several calls: their numbers, and one array of all
+
+
+def perform(operations: Sequence[Operation], values: dict[int, Any]) -> Columns:
+    """Performs operations, each after those whose results it reads, and adds their results to the values."""
+    columns: Columns = {}
+    for alike in _in_order(operations):
+        with context_of(alike[0].equation):
+            if len(alike) > 1 and _are_of_numbers(alike, values):
+                _perform_together(alike, values, columns)
+                continue
+            for equation, inputs, outputs in alike:
+                values.update(zip(outputs, bind(equation, [values[i] for i in inputs]), strict=True))
+    return columns
+
+
+def packed(numbers: Sequence[int], values: dict[int, Any], columns: Columns) -> Any:
+    """An array of the scalars with these numbers; whole columns of `perform` are not split."""
+    wanted = set(numbers)
+    used = [column for column in columns if wanted.issuperset(column)]
+    place = {i: k for k, i in enumerate(i for column in used for i in column)}
+    alone = [i for i in numbers if i not in place]
+    if not place:
+        return jnp.stack([values[i] for i in alone])
+    place |= {i: len(place) + k for k, i in enumerate(alone)}
+    parts = [*(columns[column] for column in used), *(jnp.reshape(values[i], 1) for i in alone)]
+    return jnp.concatenate(parts)[jnp.array([place[i] for i in numbers])]
+
+
+def _in_order(operations: Sequence[Operation]) -> Iterator[list[Operation]]:
+    """The operations, each after those whose results it reads; equal equations and calls are grouped where possible."""
+    groups: dict[Any, list[Operation]] = {}
+    for operation in operations:
+        function = body_of(operation.equation) or operation.equation
+        groups.setdefault((id(function), len(operation.inputs)), []).append(operation)
+    missing = {i for operation in operations for i in operation.outputs}
+
+    def performed(group: list[Operation]) -> list[Operation]:
+        missing.difference_update(i for operation in group for i in operation.outputs)
+        return group
+
+    while groups:
+        before = len(groups)
+        for key, group in list(groups.items()):
+            if all(missing.isdisjoint(operation.inputs) for operation in group):
+                yield performed(groups.pop(key))
+        if len(groups) == before:  # calls that wait for each other: one of them is first
+            key, first = next(
+                (key, one) for key, group in groups.items() for one in group if missing.isdisjoint(one.inputs)
+            )
+            groups[key] = [one for one in groups[key] if one is not first]
+            yield performed([first])
+
+
+def _are_of_numbers(operations: Sequence[Operation], values: dict[int, Any]) -> bool:
+    """Whether the operands of the operations are numbers, of the same types in all of them."""
+    types = [[jax.typeof(values[i]) for i in operation.inputs] for operation in operations]
+    return all(own == types[0] for own in types) and all(map(is_number, types[0]))
+
+
+def _perform_together(operations: Sequence[Operation], values: dict[int, Any], columns: Columns) -> None:
+    """Performs one operation of several calls along an axis of calls; shared operands have no such axis."""
+    operands: list[Any] = []
+    axes: list[int | None] = []
+    for numbers in zip(*(operation.inputs for operation in operations), strict=True):
+        shared = all(values[i] is values[numbers[0]] for i in numbers)
+        column = None if shared else columns.get(numbers)
+        if column is None and not shared:
+            column = jnp.stack([jnp.asarray(values[i]) for i in numbers])
+        operands.append(values[numbers[0]] if shared else column)
+        axes.append(None if shared else 0)
+    equation = operations[0].equation
+    if 0 not in axes:
+        results = bind(equation, operands)
+        for operation in operations:
+            values.update(zip(operation.outputs, results, strict=True))
+        return
+    results = jax.vmap(lambda *operands: bind(equation, operands), axes)(*operands)
+    for numbers, result in zip(zip(*(o.outputs for o in operations), strict=True), results, strict=True):
+        columns[numbers] = result
+        values.update(zip(numbers, result, strict=True))

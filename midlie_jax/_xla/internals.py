@@ -9,9 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
 from jax.core import eval_jaxpr
+from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Literal as Literal
 from jax.extend.core import Primitive as Primitive
 from jax.extend.core import take_current_trace
@@ -39,11 +41,7 @@ def bodies_at_once() -> int:
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
-    """The program of a function, from a new trace.
-
-    By default JAX looks for an earlier trace of the same function; if the function is a pytree, it would compare
-    arrays.
-    """
+    """The program of a function, from a new trace; to find an earlier one JAX would compare arrays of the function."""
     return jax.make_jaxpr(lambda *given: function(*given))(*arguments)
 
 
@@ -76,6 +74,19 @@ def loop_counts(equation: Any) -> tuple[int, int] | None:
 
 def context_of(equation: Any) -> Any:
     return equation.ctx.manager
+
+
+def are_zero(tangents: Any) -> bool:
+    """Whether all tangents of a custom derivative are symbolic zeros."""
+    return all(map(_is_zero, jax.tree.leaves(tangents, is_leaf=_is_zero)))
+
+
+def with_zeros(tangents: Any, primals: Any) -> Any:
+    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if _is_zero(t) else t, tangents, primals, is_leaf=_is_zero)
+
+
+def _is_zero(tangent: Any) -> bool:
+    return isinstance(tangent, SymbolicZero)
 
 
 def is_zero_tangent(tangent: Any) -> bool:

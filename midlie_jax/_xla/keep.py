@@ -1,8 +1,8 @@
 """Chooses what a reverse derivative stores to recompute a function: its arguments, or values within it.
 
-A step that begins with a kick reads momentum, pose and force. Everything after the kick reads the new momentum and the
-pose. If `kept` marks these two, `recomputed` stores them instead of the arguments, and therefore no force. This saves
-arrays that the forward pass writes and the reverse pass reads, which take a large part of the run time of a gradient.
+A step that begins with a kick reads momentum, pose and force; everything after the kick reads the new momentum and the
+pose. If `kept` marks these two, `recomputed` stores them instead of the arguments, and therefore no force, whose
+writing and reading would take a large part of the run time of a gradient.
 """
 
 from collections.abc import Callable
@@ -21,14 +21,8 @@ def kept(tree: T) -> T:
 
 
 def recomputed(function: Callable[..., Any], middle: bool) -> Callable[..., Any]:
-    """The function; reverse mode stores its arguments, or with `middle` the `kept` values, and recomputes the rest.
-
-    Arguments that are not needed in addition to the `kept` values are not stored.
-
-    Two checkpoints are needed, because each reverse derivative removes one; a gradient of a gradient then stores no
-    more either.
-    """
+    """The function; reverse mode stores its arguments, or with `middle` the `kept` values, and recomputes the rest."""
     policy = jax.checkpoint_policies.save_only_these_names(_KEPT) if middle else None
-    for _ in range(2):
+    for _ in range(2):  # each reverse derivative removes one
         function = jax.checkpoint(function, prevent_cse=False, policy=policy)
     return function

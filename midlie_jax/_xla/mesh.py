@@ -1,10 +1,9 @@
 """Properties of a JAX type: whether its values are numbers, and along which axes of a device mesh they vary.
 
-Inside `jax.shard_map` a value may differ between devices along some axes of the mesh; JAX makes these axes part of the
-value's type. JAX's own functions promote their operands to a common set of axes. The carry of a loop, a primitive that
-is bound directly and this package's own primitives must be promoted explicitly, with the functions of this module. A
-promotion takes no time, but its transpose is a sum over devices. A run therefore promotes all its arguments before its
-loop, and the loop contains no such sum.
+Inside `jax.shard_map` JAX makes the axes of the mesh along which a value varies part of its type. JAX's own functions
+promote their operands to a common set of axes. The carry of a loop, a primitive that is bound directly and this
+package's own primitives must be promoted explicitly. A promotion takes no time, but its transpose is a sum over
+devices. A run therefore promotes all its arguments before its loop, and the loop contains no such sum.
 """
 
 from typing import Any

@@ -1,10 +1,9 @@
 """Derivatives with respect to values shared by all rows of a batch, summed over the rows only once.
 
 Under `jax.vmap`, a loop over steps reads a shared weight as one number. Its reverse derivative then sums the cotangents
-of all rows in every step, in a separate pass over the batch, for which XLA repeats much of the step. Such a gradient
-takes 2 times longer than the gradient of a weight per row. Here the loop still reads one number, but its tangent comes
-from a copy of the weight with one entry per row, which only the derivative reads. The loop then adds up cotangents row
-by row, and the sum over the rows is taken where the copy was made, before the loop.
+of all rows in every step, in a separate pass over the batch, for which XLA repeats much of the step; the gradient takes
+2 times longer. Here its tangent comes from a copy of the weight with one entry per row, which only the derivative
+reads. The sum over the rows is then taken where the copy was made, before the loop.
 """
 
 from collections.abc import Sequence

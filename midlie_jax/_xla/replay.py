@@ -1,12 +1,11 @@
 """Evaluates a function of small arrays entry by entry, so that it fuses into a step on scalars.
 
-A user's torque is written for (3,) and (4,) arrays: stacks, slices, cross products, small matrix products, perhaps the
-gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
-nested stacks multiply the run time. A torque of ten lines can run a thousand times slower than necessary, or never
-finish compiling. The function is therefore traced once, and its operations are replayed on scalars. Moving entries
-takes no time, and matrix products become sums of products of scalars. Operations without a rule (loops, solvers, large
-tables) are executed on arrays. The same holds for a whole function that would need too many scalars, such as a neural
-network; its loops are separate from the loop of the step.
+A user's torque is written for (3,) and (4,) arrays. Inside a fused loop XLA evaluates each stacked array once for every
+entry that is read, and nested stacks multiply the run time: a torque of ten lines can run a thousand times slower than
+necessary, or never finish compiling. The function is therefore traced once, and its operations are replayed on scalars.
+Moving entries takes no time, and matrix products become sums of products of scalars. Operations without a rule (loops,
+solvers, large tables) are executed on arrays. The same holds for a whole function that would need too many scalars,
+such as a neural network; its loops are separate from the loop of the step.
 
 During the replay an array is represented by the positions of its entries in a pool of scalars, an integer array of list
 indices. Operations that move entries become NumPy indexing of the positions; only arithmetic adds scalars to the pool.
@@ -40,21 +39,15 @@ from .rules import (
 
 
 class Traits(NamedTuple):
-    """Properties of a function, from its trace.
+    """Properties of a function, from its trace."""
 
-    Attributes:
-        costly: whether it contains an operation that XLA treats as expensive or that has no rule.
-        operations, scalars: number of operations, where one on arrays counts as one, and of operations on scalars in
-            its replay.
-        on_scalars: whether it can be replayed completely on scalars.
-        reads: the arguments, with True for each leaf on which the result depends.
-    """
-
-    costly: bool
+    costly: bool  # whether it contains an operation that XLA treats as expensive or that has no rule
+    # operations, scalars: number of operations, where one on arrays counts as one, and of operations on scalars in its
+    # replay
     operations: int
     scalars: int
-    on_scalars: bool
-    reads: Any
+    on_scalars: bool  # whether it can be replayed completely on scalars
+    reads: Any  # the arguments, with True for each leaf on which the result depends
 
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
@@ -72,10 +65,9 @@ def _traits(closed: ClosedJaxpr, arguments: tuple[Any, ...]) -> Traits:
 class Traced(eqx.Module):
     """A function from its trace, with its arrays and the traced arrays that it closes over as leaves.
 
-    A step reads small arrays by their entries (`by_entries`). The cotangents of the entries are numbers per body, like
-    cotangents of the motion, and leave the derivative of the step in the same loop. A cotangent that is an array would
-    be computed entry by entry, each time with the whole derivative of the step; a gradient would take up to a thousand
-    times the time of the value. The arrays in `given` are the same for all calls within a step.
+    A step reads small arrays by their entries (`by_entries`). Their cotangents are then numbers per body and leave the
+    derivative of the step in the loop of the motion. For each entry of an array, XLA would compute the whole derivative
+    again. The arrays in `given` are the same for all calls within a step.
     """
 
     constants: list[Any]
@@ -85,7 +77,6 @@ class Traced(eqx.Module):
     @classmethod
     def of(cls, function: Callable[..., Any], given: Any, *arguments: Any) -> "tuple[Traced, Traits]":
         """function(given, *arguments) as a function of the arguments, and its traits; it is traced once and not run."""
-        # By default JAX would look for an earlier trace of the function and compare its arrays.
         closed, result = jax.make_jaxpr(lambda *every: function(*every), return_shape=True)(given, *arguments)
         own = {id(x) for x in jax.tree.leaves(function)}
         marks = [isinstance(x, Tracer) or id(x) in own for x in closed.consts]
@@ -107,7 +98,6 @@ class Traced(eqx.Module):
         return Traced(self._spread(self.constants), self.given, self._program)
 
     def with_given(self, given: Any) -> "Traced":
-        """The function with other arrays in place of `given`, by their entries."""
         return Traced(self.constants, split(self._spread(jax.tree.leaves(given))), self._program)
 
     def _spread(self, arrays: list[Any]) -> list[Any]:
@@ -152,11 +142,7 @@ class _Spread(eqx.Module):
 
 
 def _scalars(array: Array) -> list[Array]:
-    """The entries in row-major order.
-
-    The transpose of `jax.lax.split` is one concatenation. That of an index is a padded array, and for each of these XLA
-    would repeat the derivative of the step.
-    """
+    """The entries in row-major order, by `jax.lax.split`, whose transpose is one concatenation."""
     if not array.ndim:
         return [array]
     return [x.reshape(()) for x in jax.lax.split(array.reshape(-1), [1] * array.size)] if array.size else []
@@ -165,18 +151,16 @@ def _scalars(array: Array) -> list[Array]:
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
     """Whether a function is evaluated on arrays: few operations on arrays give many on scalars, as in a network.
 
-    The limits come from `benchmarks/speed.py networks`. Torques of the scenes have ratios of 1 to 1.3. A function of
-    vectors has a ratio of up to 3, so it stays on scalars unless it is long. A long formula written entry by entry
-    stays as well, because on arrays XLA would evaluate nested stacks many times.
+    The limits come from `benchmarks/speed.py networks`. A function of vectors has a ratio of up to 3, so it stays on
+    scalars unless it is long. A long formula written entry by entry stays as well.
     """
     scalars, arrays = count_scalar_operations(closed)
     return any(scalars > least and scalars > entries * arrays for least, entries in budgets.ON_ARRAYS)
 
 
 def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:
-    """The result of a function evaluated on arrays, in separate loops; each array is given by its entries.
-
-    Its loops begin and end with scalars: a loop that ended with an array would repeat all earlier work for each entry.
+    """The result of a function on arrays, in loops that begin and end with scalars; one that ended with an array would
+    repeat all earlier work for each entry.
     """
 
     def is_vector(leaf: Any) -> bool:
@@ -198,9 +182,10 @@ class _Entries(NamedTuple):
 
 
 def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: bool = False) -> tuple[Any, Any]:
-    """Evaluates a function of arrays on pytrees of scalars and `Packed` vectors; `on_scalars` for any number of them.
+    """The result of a function of arrays, on pytrees of scalars and `Packed` vectors.
 
-    Returns its result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
+    With `on_scalars` it is replayed whatever the number of scalars. Each array is a tuple of its entries, in row-major
+    order; the second result has their shapes and dtypes.
     """
     pool = Pool()
     leaves, structure = jax.tree.flatten(arguments, is_leaf=lambda x: isinstance(x, Packed))
@@ -221,7 +206,6 @@ def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: boo
 
 
 def _to_entries(pool: Pool, value: Any) -> _Entries:
-    """An array split into its entries, which are stored in the pool."""
     shape = jnp.shape(value)
     if isinstance(value, Tracer):
         return _Entries(pool.store(_scalars(value), shape))

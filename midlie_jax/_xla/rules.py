@@ -1,11 +1,9 @@
 """The rules by which `replay.py` computes single operations on scalars, one rule per JAX primitive.
 
 A rule lists the parameters of its primitive and their supported values. An operation with any other parameter or value
-is executed on arrays instead, so a parameter added by a later version of JAX is never ignored. Tested with JAX 0.10.0,
-0.10.1, 0.11.2 and 0.12.0.
-
-A rule gives the same result as its primitive, except for the sign of a zero (which XLA does not preserve either) and
-the order in which the terms of a sum are added.
+is executed on arrays instead, so a parameter added by a later version of JAX is never ignored. A rule gives the same
+result as its primitive, except for the sign of a zero (which XLA does not preserve either) and the order in which the
+terms of a sum are added.
 """
 
 import math
@@ -20,9 +18,10 @@ import numpy as np
 from . import budgets
 from .internals import ClosedJaxpr, ShapedArray, Tracer, bind
 from .mesh import axes_of, is_number, promoted
-from .moves import INDEXED, MOVES, Places
 
 Parameters = Mapping[str, Any]
+Places = np.ndarray  # integers: the positions of the entries of an array in a pool of scalars
+Shape = tuple[int, ...]
 
 
 class Pool:
@@ -31,7 +30,7 @@ class Pool:
     def __init__(self) -> None:
         self.scalars: list[Any] = []
 
-    def store(self, scalars: Sequence[Any], shape: tuple[int, ...]) -> Places:
+    def store(self, scalars: Sequence[Any], shape: Shape) -> Places:
         """Adds the entries of an array of this shape, in row-major order, and returns their positions."""
         first = len(self.scalars)
         self.scalars.extend(scalars)
@@ -50,19 +49,16 @@ class Pool:
 
 
 class Rule(NamedTuple):
-    """How one primitive is replayed.
+    """How one primitive is replayed."""
 
-    Attributes:
-        replay: maps positions of the operands to positions of the results, or to None if it must be executed on arrays.
-        understood: for each supported parameter, a predicate for its supported values.
-        cheap: whether XLA's CPU compiler repeats the operation instead of storing its result.
-        accepts: whether the rule applies to operands and results with these dtypes.
-    """
-
+    # maps positions of the operands to positions of the results, or to None if it must be executed on arrays
     replay: Callable[[Pool, Any, list[Places]], list[Places] | None]
+    # for each supported parameter, a predicate for its supported values
     understood: Mapping[str, Callable[[Any], bool]]
-    cheap: bool
+    cheap: bool  # whether XLA's CPU compiler repeats the operation instead of storing its result
+    # whether the rule applies to operands and results with these dtypes
     accepts: Callable[[list[Any]], bool] = lambda dtypes: True
+    moves: bool = False  # whether the operation only moves entries, which takes no time
 
 
 def rule_for(equation: Any) -> Rule | None:
@@ -96,15 +92,14 @@ def is_expensive(equation: Any) -> bool:
 
 def has_rules(closed: ClosedJaxpr) -> bool:
     """Whether every operation of a traced function has a rule and small arrays, or operates on scalars only."""
-    for equation in closed.jaxpr.eqns:
+
+    def has_rule(equation: Any) -> bool:
         body = body_of(equation)
         if body is not None:
-            if not has_rules(body):
-                return False
-            continue
-        if not is_on_scalars(equation) and (rule_for(equation) is None or not _all_fit(equation)):
-            return False
-    return True
+            return has_rules(body)
+        return is_on_scalars(equation) or (rule_for(equation) is not None and _all_fit(equation))
+
+    return all(map(has_rule, closed.jaxpr.eqns))
 
 
 def is_on_scalars(equation: Any) -> bool:
@@ -130,15 +125,12 @@ def count_scalar_operations(closed: ClosedJaxpr) -> tuple[int, int]:
         body = body_of(equation)
         if body is not None:
             inner, number = count_scalar_operations(body)
-        elif equation.primitive.name in _MOVING and _all_fit(equation):
+        elif (rule := RULES.get(equation.primitive.name)) and rule.moves and _all_fit(equation):
             continue
         else:
             inner, number = _scalar_operations(equation), 1
         scalars, operations = scalars + inner, operations + number
     return scalars, operations
-
-
-_MOVING = {*MOVES, *INDEXED, "iota", "pvary"}
 
 
 def _all_fit(equation: Any) -> bool:
@@ -194,30 +186,23 @@ def _is_plain_precision(value: Any) -> bool:
 
 @cache
 def _plain_jit() -> Parameters:
-    """The parameters of a `jax.jit` call without options."""
     return jax.make_jaxpr(jax.jit(lambda x: x))(0.0).eqns[0].params
 
 
-def _as_plain_jit(name: str) -> dict[str, Callable[[Any], bool]]:
-    return {name: lambda value: all(part == plain for part in value for plain in _plain_jit()[name])}
+def _as_plain_jit(*names: str) -> dict[str, Callable[[Any], bool]]:
+    return {n: lambda value, n=n: all(part == plain for part in value for plain in _plain_jit()[n]) for n in names}
 
 
 # The parameters of a jit call that can be replayed. Donation and inlining have no effect inside another jit.
 _JIT = {
     **_any("jaxpr", "name", "donated_invars", "ctx_mesh", "keep_unused", "inline"),
-    **_as_plain_jit("in_shardings"),
-    **_as_plain_jit("out_shardings"),
-    **_as_plain_jit("in_layouts"),
-    **_as_plain_jit("out_layouts"),
+    **_as_plain_jit("in_shardings", "out_shardings", "in_layouts", "out_layouts"),
     **_exactly((), "compiler_options_kvs"),
 }
 
 
 def _same_summable_dtype(dtypes: list[Any]) -> bool:
-    """Whether all dtypes are equal, and float32, float64 or an integer type.
-
-    JAX adds smaller floats in a larger dtype, and a sum of booleans is a logical operation.
-    """
+    """Whether all dtypes are equal, and float32, float64 or an integer; JAX adds smaller floats in a larger dtype."""
     return all(d == dtypes[0] for d in dtypes) and (
         dtypes[0] in (np.float32, np.float64) or jnp.issubdtype(dtypes[0], np.integer)
     )
@@ -229,26 +214,95 @@ def _same_summable_dtype(dtypes: list[Any]) -> bool:
 def _replay_entries(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
     shape = equation.outvars[0].aval.shape
     columns = zip(*(np.broadcast_to(p, shape).flat for p in operands), strict=True)
-    return [pool.store([_on_scalars(equation, pool.at(column)) for column in columns], shape)]
-
-
-def _on_scalars(equation: Any, scalars: list[Any]) -> Any:
-    axes = axes_of(*scalars)
-    (result,) = bind(equation, [promoted(s, axes) for s in scalars])
-    return result
+    results: list[Any] = []
+    for column in columns:
+        scalars = pool.at(column)
+        axes = axes_of(*scalars)
+        results += bind(equation, [promoted(s, axes) for s in scalars])
+    return [pool.store(results, shape)]
 
 
 def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    """Promotes only the traced entries.
-
-    A constant stays a NumPy value, so that it can still be used as an index; operations promote it where necessary.
-    """
+    """Promotes only the traced entries: a constant stays a NumPy value, which can be an index."""
     axes = frozenset(equation.params["axes"])
     scalars = [promoted(s, axes) if isinstance(s, Tracer) else s for s in pool.at(operands[0])]
     return [pool.store(scalars, operands[0].shape)]
 
 
-# Operations that move entries.
+# Operations that only move entries of arrays, on positions. A move is called with the positions of its operands, the
+# parameters of the primitive and the shape of its (first) result, and returns the positions of the results.
+
+
+def _broadcast(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    expanded = [1] * len(shape)
+    for axis, size in zip(parameters["broadcast_dimensions"], operands[0].shape, strict=True):
+        expanded[axis] = size
+    return np.broadcast_to(operands[0].reshape(expanded), shape)
+
+
+def _reshape(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    permutation = parameters["dimensions"]
+    return (operands[0] if permutation is None else operands[0].transpose(permutation)).reshape(shape)
+
+
+def _slice(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    strides = parameters["strides"] or (None,) * len(shape)
+    return operands[0][tuple(map(slice, parameters["start_indices"], parameters["limit_indices"], strides))]
+
+
+def _pad(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    """Negative padding removes entries at the edges; interior padding goes between the entries."""
+    source, filling = operands
+    targets, sources = [], []
+    for (low, _, interior), size, out in zip(parameters["padding_config"], source.shape, shape, strict=True):
+        positions = low + (interior + 1) * np.arange(size)
+        sources.append(np.flatnonzero((positions >= 0) & (positions < out)))
+        targets.append(positions[sources[-1]])
+    result = np.full(shape, filling)
+    result[np.ix_(*targets)] = source[np.ix_(*sources)]
+    return result
+
+
+def _split(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
+    return list(np.split(operands[0], np.cumsum(parameters["sizes"])[:-1], axis=parameters["axis"]))
+
+
+def _unstack(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
+    return [np.asarray(part) for part in np.moveaxis(operands[0], parameters["axis"], 0)]
+
+
+# Moves that depend on index operands: `move(operands, indices, parameters, shape)`.
+
+
+def _window(source: Places, starts: list[Any], shape: Shape) -> tuple[slice, ...]:
+    """The slices of a window of this shape. As in XLA, a window that would exceed the array is shifted back inside."""
+    begin = [min(max(int(s), 0), n - m) for s, n, m in zip(starts, source.shape, shape, strict=True)]
+    return tuple(slice(b, b + m) for b, m in zip(begin, shape, strict=True))
+
+
+def _dynamic_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    return operands[0][_window(operands[0], indices, shape)]
+
+
+def _dynamic_update_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    result = operands[0].copy()
+    result[_window(result, indices, operands[1].shape)] = operands[1]
+    return result
+
+
+def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places | None:
+    # Entries are numbered from 1; an out-of-bounds index reads the fill value 0.
+    numbers = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
+    with jax.ensure_compile_time_eval():
+        taken = jax.lax.gather_p.bind(jnp.asarray(numbers), jnp.asarray(indices[0]), **{**parameters, "fill_value": 0})
+        taken = np.asarray(taken)
+    return None if np.any(taken == 0) else operands[0].reshape(-1)[taken - 1]
+
+
+def _scatter(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    with jax.ensure_compile_time_eval():
+        source, update = (jnp.asarray(operands[i].astype(np.int32)) for i in (0, 2))
+        return np.asarray(jax.lax.scatter_p.bind(source, jnp.asarray(indices[0]), update, **parameters))
 
 
 def _replay_move(move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
@@ -314,6 +368,19 @@ def _elementwise(names: str, cheap: bool, *parameters: str) -> dict[str, Rule]:
     return {name: Rule(_replay_entries, _any(*parameters), cheap) for name in names.split()}
 
 
+def _move(move: Callable[..., Any], *parameters: str) -> Rule:
+    understood = {**_any(*parameters), **_unsharded("sharding")}
+    return Rule(partial(_replay_move, move), understood, cheap=True, moves=True)
+
+
+def _indexed_move(move: Callable[..., Any], indices: slice, cheap: bool, *parameters: str) -> Rule:
+    understood = {**_any(*parameters), **_exactly(None, "update_jaxpr"), **_exactly((), "update_consts")}
+    return Rule(partial(_replay_indexed_move, indices, move), understood, cheap, moves=True)
+
+
+_INDEXING = "dimension_numbers", "unique_indices", "indices_are_sorted", "mode"
+
+
 def _reduction_rule(operation: Callable[[Any, Any], Any]) -> Rule:
     understood = {**_any("axes"), **_unsharded("out_sharding")}
     return Rule(partial(_replay_reduction, operation), understood, cheap=True, accepts=_same_summable_dtype)
@@ -338,20 +405,25 @@ RULES: dict[str, Rule] = {
     "convert_element_type": Rule(
         _replay_entries, {**_any("new_dtype", "weak_type"), **_unsharded("sharding")}, cheap=True
     ),
-    "pvary": Rule(_replay_pvary, _any("axes"), cheap=True),
-    **{
-        name: Rule(partial(_replay_move, move), {**_any(*parameters), **_unsharded("sharding")}, cheap=True)
-        for name, (move, parameters) in MOVES.items()
-    },
-    **{
-        name: Rule(
-            partial(_replay_indexed_move, indices, move),
-            {**_any(*parameters), **_exactly(None, "update_jaxpr"), **_exactly((), "update_consts")},
-            cheap=name.startswith("dynamic"),
-        )
-        for name, (move, indices, parameters) in INDEXED.items()
-    },
-    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), **_unsharded("sharding")}, cheap=True),
+    "pvary": Rule(_replay_pvary, _any("axes"), cheap=True, moves=True),
+    "iota": Rule(
+        _replay_iota, {**_any("dtype", "shape", "dimension"), **_unsharded("sharding")}, cheap=True, moves=True
+    ),
+    "broadcast_in_dim": _move(_broadcast, "shape", "broadcast_dimensions"),
+    "concatenate": _move(lambda operands, p, shape: np.concatenate(operands, axis=p["dimension"]), "dimension"),
+    "pad": _move(_pad, "padding_config"),
+    "reshape": _move(_reshape, "new_sizes", "dimensions"),
+    "rev": _move(lambda operands, p, shape: np.flip(operands[0], p["dimensions"]), "dimensions"),
+    "slice": _move(_slice, "start_indices", "limit_indices", "strides"),
+    "split": _move(_split, "sizes", "axis"),
+    "squeeze": _move(lambda operands, p, shape: operands[0].reshape(shape), "dimensions"),
+    "stack": _move(lambda operands, p, shape: np.stack(operands, axis=p["axis"]), "axis"),
+    "transpose": _move(lambda operands, p, shape: operands[0].transpose(p["permutation"]), "permutation"),
+    "unstack": _move(_unstack, "axis"),
+    "dynamic_slice": _indexed_move(_dynamic_slice, slice(1, None), True, "slice_sizes"),
+    "dynamic_update_slice": _indexed_move(_dynamic_update_slice, slice(2, None), True),
+    "gather": _indexed_move(_gather, slice(1, 2), False, "slice_sizes", "fill_value", *_INDEXING),
+    "scatter": _indexed_move(_scatter, slice(1, 2), False, *_INDEXING),
     "dot_general": Rule(
         _replay_dot_general,
         {

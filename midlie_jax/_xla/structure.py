@@ -38,10 +38,7 @@ def is_array(leaf: Any) -> bool:
 
 
 def kind_of(leaf: Any) -> Any:
-    """The type of an array, also of a traced one; for other objects the type and the value.
-
-    0.0 and -0.0 are equal, and so are 1, 1.0 and True; they differ in their types and digits.
-    """
+    """The type of an array, also of a traced one; for other objects type and value, so that 0.0 differs from -0.0."""
     if isinstance(leaf, jax.Array):
         return jax.typeof(leaf), isinstance(leaf, Tracer)
     if isinstance(leaf, np.ndarray | np.generic):

@@ -14,8 +14,7 @@ from .._checks.arguments import as_floats, require_finite, require_resolved
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import begin, fuse
-from ..integrators.flights.axis_turn import Circle
-from ..integrators.flights.free_orbit import Orbit
+from ..integrators.flights.free_orbit import Circle, Orbit
 from ..integrators.system import Motion, System
 from ..integrators.verdict import FINE, LOST, at_start, earlier, is_fine
 from ..model.bodies import Body, SymmetricRotor, principal_of

@@ -1,8 +1,4 @@
-"""`Method`, the base class of every integrator: its properties, its step, and the call of that step by the drivers.
-
-Most methods combine a flight with a scheme (`splitting.py`); the implicit methods are in `implicit/`, the Runge-Kutta
-methods in `runge_kutta.py`.
-"""
+"""`Method`, the base class of every integrator: its properties, its step, and the call of that step by the drivers."""
 
 import math
 from abc import abstractmethod
@@ -14,12 +10,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
+from .._xla.apart import Placement
 from .._xla.fusion import begin_step, fuse
 from .._xla.mesh import NONE, Axes, all_promoted
-from .._xla.placement import Placement
 from ..model.bodies import Body
 from ..model.state import AnyState
-from .system import AnyMotion, System
+from .system import AnyMotion, Stepped, System
 from .verdict import FINE, earlier, is_fine
 
 
@@ -76,10 +72,9 @@ class Method(eqx.Module):
 
     @property
     def unroll(self) -> int:
-        """Steps per iteration of the loop over steps.
+        """Steps per iteration of the loop over steps; on an accelerator, as many as fit one kernel.
 
-        With two, XLA's CPU compiler need not copy the arrays, but compilation takes longer. On an accelerator an
-        iteration costs at least two kernel launches; it therefore has as many steps as fit one kernel.
+        With two, XLA's CPU compiler need not copy the arrays, but compilation takes longer.
         """
         return 1
 
@@ -138,9 +133,9 @@ class Method(eqx.Module):
         """The system of a run: `System.of`, with the bath of the torque if there is one."""
         return System.of(body, torque, start, t)
 
-    @abstractmethod
     def keeps_force(self, system: System) -> bool:
         """Whether the force at the end of a step is kept for the next one."""
+        return False
 
     def begin(self, system: System, start: AnyState, t: Array) -> Progress:
         """The progress before the first step of a run that starts at the time t."""
@@ -148,9 +143,7 @@ class Method(eqx.Module):
         return Progress(motion, system.force(t, motion) if self.keeps_force(system) else None, jnp.asarray(FINE))
 
     @abstractmethod
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         """One step of h from t0 to t1, from the force at t0 if `keeps_force`, else None.
 
         A step of zero must return the motion unchanged, bit for bit, and the force at t0. Returns the motion at t1, the
@@ -159,13 +152,13 @@ class Method(eqx.Module):
 
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
+    ) -> tuple[*Stepped, Any]:
         """`step`, and the part of its result that `step_again` can reuse for the opposite direction, or None."""
         return *self.step(system, t0, t1, h, motion, force), None
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
+    ) -> Stepped:
         """`step`, for its derivative only, after `step_back`, whose last result is `known`, took it back."""
         return self.step(system, t0, t1, h, motion, force)
 
@@ -181,15 +174,9 @@ class Method(eqx.Module):
     ) -> tuple[Progress, Any]:
         """One step as used by every driver: one loop in the compiled program, and one loop in its derivative.
 
-        Args:
-            clock: the argument of `times`, a pytree.
-            times: maps the clock to t0, t1 and a pytree of further results to compute in the same loop.
-            axes: the axes of a mesh of devices along which the run varies.
-            step: `step` if None; or `step_back`, or `step_again` with its argument `known` filled in.
-
-        Returns:
-            The progress after the step, and the further results of `times`; for `step_back` a pair of these and
-                `known`.
+        `times` maps the clock to t0, t1 and further results to compute in the same loop. `axes` are the axes of a mesh
+        along which the run varies. `step` is `step_back`, or `step_again` with its argument `known`, if not `step`.
+        Returns the progress, and the further results; for `step_back` a pair of these and `known`.
         """
         carry, loops = (clock, h, progress), self.loops_for(system)  # loops make copies in each iteration
         shared = not (loops or self.is_one_loop(system))

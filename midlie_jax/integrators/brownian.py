@@ -15,10 +15,12 @@ for equal d, C = 2 h d (1 - h d/6). The step is half of this diffusion, the moti
 rule, and the other half of the diffusion: weak order 2 (Strang splitting).
 """
 
-from functools import reduce
+import operator
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -36,20 +38,18 @@ from ..model.state import AnyState
 from ..model.states.unit_vector import Swing
 from ..model.torques.reads_body import without_bath
 from .base import Method
-from .system import AnyMotion, Motion, System
+from .system import AnyMotion, Motion, Stepped, System
 from .verdict import of_all, verdict
 
 _LARGEST = 0.5  # of h kT tr M: six standard deviations of a random rotation are within the polynomials of `half_turn`
 
 
 class Mobility(NamedTuple):
-    """The inverse M of a friction in principal axes, as three numbers or three rows; the K of the covariance 2 s (M + s
-    K / 2), s = h kT; and the trace of M.
-    """
+    """The inverse M of a friction in principal axes."""
 
-    inverse: Any
-    bend: Any
-    trace: Array
+    inverse: Any  # M, as three numbers or three rows
+    bend: Any  # the K of the covariance 2 s (M + s K / 2), s = h kT
+    trace: Array  # of M
 
     @classmethod
     def of(cls, friction: Array, frame: Any) -> "Mobility":
@@ -61,21 +61,19 @@ class Mobility(NamedTuple):
         inverse = jnp.linalg.inv(friction)
         square, trace = inverse @ inverse, jnp.trace(inverse, axis1=-2, axis2=-1)
         second = (trace**2 - jnp.trace(square, axis1=-2, axis2=-1)) / 2
-        bend = (5 / 3) * (square - trace[..., None, None] * inverse) + second[..., None, None] * jnp.eye(
-            3, dtype=friction.dtype
-        )
+        bend = (5 / 3) * (square - trace[..., None, None] * inverse)
+        bend = bend + second[..., None, None] * jnp.eye(3, dtype=friction.dtype)
         return cls(rows(inverse), rows(bend), trace)
 
     def rotation(self, s: Array, noise: cp.Vector) -> cp.Vector:
-        covariance = [cp.tree_add(m, _scaled(s / 2, k)) for m, k in zip(self.inverse, self.bend, strict=True)]
+        covariance = [
+            cp.tree_add(m, jax.tree.map(partial(operator.mul, s / 2), k))
+            for m, k in zip(self.inverse, self.bend, strict=True)
+        ]
         return cp.scale(cp.root(2 * s), _root_times(tuple(covariance), noise))
 
     def shift(self, s: Array, noise: cp.Vector) -> cp.Vector:
         return cp.scale(cp.root(2 * s), _root_times(self.inverse, noise))
-
-
-def _scaled(s: Array, entry: Any) -> Any:
-    return cp.scale(s, entry) if isinstance(entry, tuple) else s * entry
 
 
 def _root_times(matrix: Any, noise: cp.Vector) -> cp.Vector:
@@ -120,9 +118,6 @@ class Brownian(Method):
     def moves(self, body: Body) -> bool:
         return isinstance(body.turning, RigidBody | TensorBody | SymmetricRotor)
 
-    def keeps_force(self, system: System) -> bool:
-        return False
-
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
         _, bath = without_bath(torque)
         for name in ("friction", "linear_friction"):
@@ -153,9 +148,7 @@ class Brownian(Method):
         made = mobilities if varies else mobilities(t)
         return system._replace(bath=(PreparedBath.of(words_of(bath.key), made, bath.root, start),))
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         motion, first = _diffused(system, t0, h, motion, 0)
         middle, _ = _driven(system, t0, h / 2, h, motion, motion)
         motion, turn = _driven(system, t0 + h / 2, h, h, middle, motion)

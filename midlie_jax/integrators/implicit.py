@@ -1,6 +1,7 @@
 """The implicit methods, which do not consist of flights and kicks: the other methods in Figure 1 of the paper."""
 
 from abc import abstractmethod
+from functools import reduce
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from ..model.bodies import Particles, RigidBody
 from ..model.inertia import Inertia
 from .base import Method
 from .flights.lie_midpoint import free_start
-from .system import Motion, System
+from .system import AnyMotion, Motion, Stepped, System
 from .verdict import verdict
 
 # Newton steps with the exact Jacobian; five suffice up to a rotation of |Psi| = 1.5.
@@ -43,15 +44,10 @@ class Implicit(Method):
     def solves(self) -> int:
         return 1
 
-    def keeps_force(self, system: System) -> bool:
-        return False
-
 
 def _converged(residual: Array, *terms: cp.Vector) -> Array:
     """Whether the residual is at the level of rounding of the largest of its terms."""
-    size = cp.largest(terms[0])
-    for term in terms[1:]:
-        size = jnp.maximum(size, cp.largest(term))
+    size = reduce(jnp.maximum, map(cp.largest, terms))
     return residual <= _RESIDUAL_LIMIT * cp.epsilon(size) * size
 
 
@@ -71,20 +67,17 @@ class _TorqueHalfWay(Implicit):
     def mean_momentum(self, start: cp.Vector, half: cp.Quaternion, impulse: cp.Vector) -> cp.Vector:
         """M, from the momentum at the start, `half` = exp(Psi/2), and `impulse` = h Tm."""
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
-    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         inertia: Inertia = system.inertia
         double = cp.scale(2, inertia.relative)
 
         def impulse(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
             """exp(w) and h Tm, for half the rotation, w = Psi/2."""
             half = half_turn(w)
-            no_step, (a, b, c) = h == 0, motion.momentum
+            no_step = h == 0
             rate = 2 / jnp.where(no_step, jnp.ones_like(h), h)
-            x, y, z = cp.times(inertia.moments, cp.scale(rate, w))  # the momentum at mid-step, 2 I w / h
-            momentum = jnp.where(no_step, a, x), jnp.where(no_step, b, y), jnp.where(no_step, c, z)
-            half_way = Motion(momentum, system.kind.act(motion.pose, half))
+            middle = cp.times(inertia.moments, cp.scale(rate, w))  # the momentum at mid-step, 2 I w / h
+            half_way = Motion(cp.where(no_step, motion.momentum, middle), system.kind.act(motion.pose, half))
             return half, cp.scale(h, system.force(t0 + h / 2, half_way))
 
         def residual(w: cp.Vector) -> cp.Vector:
@@ -105,10 +98,7 @@ class _TorqueHalfWay(Implicit):
 
 
 class LieMidpointImplicit(_TorqueHalfWay):
-    """I Psi = h (exp(-Psi/2) Pi0 + (h/2) Tm), Pi1 = exp(-Psi) Pi0 + h exp(-Psi/2) Tm, R1 = R0 exp(Psi).
-
-    Tm is the torque at t + h/2 and R0 exp(Psi/2). Order 2, symmetric; Krysl 2004.
-    """
+    """I Psi = h (exp(-Psi/2) Pi0 + (h/2) Tm): order 2, symmetric; Krysl 2004."""
 
     name: str = eqx.field(static=True, default="LIEMID[I]")
 
@@ -117,10 +107,7 @@ class LieMidpointImplicit(_TorqueHalfWay):
 
 
 class SW(_TorqueHalfWay):
-    """I Psi = (h/2)(Pi0 + Pi1), R1 = R0 exp(Psi), Pi1 = exp(-Psi) Pi0 + h exp(-Psi/2) Tm.
-
-    Tm is the torque at t + h/2 and R0 exp(Psi/2). Order 2, symmetric; Simo & Wong, IJNME 31 (1991) 19.
-    """
+    """I Psi = (h/2)(Pi0 + Pi1): order 2, symmetric; Simo & Wong, IJNME 31 (1991) 19."""
 
     name: str = eqx.field(static=True, default="SW")
 
@@ -130,7 +117,7 @@ class SW(_TorqueHalfWay):
 
 
 class _TorqueAtEnds(Implicit):
-    """A method whose step has the torques at its start and its end; the next step begins with the latter."""
+    """A step has the torques at its start and its end; the next step begins with the latter."""
 
     @property
     def reach(self) -> float:
@@ -149,9 +136,7 @@ class AKW(_TorqueAtEnds):
 
     name: str = eqx.field(static=True, default="AKW")
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
-    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         force = system.force(t0, motion) if force is None else force
 
         def mean_and_turn(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
@@ -162,43 +147,32 @@ class AKW(_TorqueAtEnds):
         def residual(half: cp.Vector) -> cp.Vector:
             mean, turn = mean_and_turn(half)
             end_momentum = cp.add(motion.momentum, cp.scale(2, half))
-            torque = system.force(t1, Motion(end_momentum, system.kind.act(motion.pose, _cayley(turn))))
+            torque = system.force(t1, Motion(end_momentum, system.kind.act(motion.pose, cp.cayley(turn))))
             kick = cp.scale(h / 2, cp.add(force, torque))
             return cp.subtract(cp.scale(2, half), cp.add(cp.cross(mean, turn), kick))
 
-        # The unknown is the change of the momentum rather than the mean: the change is small, and so is its rounding
-        # error.
+        # The unknown is the change of the momentum rather than the mean, because its rounding error is small.
         rate = cp.add(cp.cross(*mean_and_turn(cp.scale(0, motion.momentum))), cp.scale(h, force))
         half, remaining = newton(residual, cp.scale(0.5, rate), _ITERATIONS)
         turn = mean_and_turn(half)[1]
         end = system.pushed(motion, cp.scale(2, half))
-        end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), h))
+        end = Motion(end.momentum, system.turned(end.pose, cp.cayley(turn), h))
         ok = verdict(_converged(remaining, end.momentum, motion.momentum), (cp.dot(turn, turn), 4 * LARGEST_SQUARE))
         return end, system.force(t1, end) if self.keeps_force(system) else None, ok
-
-
-def _cayley(angle: cp.Vector) -> cp.Quaternion:
-    """(1 - w^/2)^-1 (1 + w^/2) as a unit quaternion."""
-    x, y, z = cp.scale(0.5, angle)
-    factor = cp.inverse_root(1 + x * x + y * y + z * z)
-    return factor, factor * x, factor * y, factor * z
 
 
 class NewmarkBody(_TorqueAtEnds):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
-    A0 and A1 are the angular accelerations at the start and the end. Order 2, symmetric (reversing a step exchanges the
-    two accelerations); the method does not conserve the spatial momentum of a free body. Simo & Wong, IJNME
-    31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
+    A0 and A1 are the angular accelerations at the start and the end. Order 2, symmetric; the method does not conserve
+    the spatial momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
     """
 
     name: str = eqx.field(static=True, default="NMB")
     keeps_momentum: bool = eqx.field(static=True, default=False)
     evaluations: int = eqx.field(static=True, default=1)
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
-    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         def change(momentum: cp.Vector, torque: cp.Vector) -> cp.Vector:
             """h I A, with A the angular acceleration under this momentum and torque."""
             turn = cp.scale(h, system.velocity(momentum))
@@ -237,9 +211,7 @@ class ImplicitMidpoint(Implicit):
     bodies: type[Any] = eqx.field(static=True, default=Particles)
     evaluations: int = eqx.field(static=True, default=2 * _ITERATIONS + 1)
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Array, Array], force: Any
-    ) -> tuple[Motion[Array, Array], Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         start, position = motion.momentum, motion.pose
 
         def travel(mean: Array) -> Array:

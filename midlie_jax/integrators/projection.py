@@ -1,19 +1,13 @@
 """Projection: the smallest change of the end of a step that restores the energy and the momentum about a space axis.
 
-A Runge-Kutta step of high order is accurate but conserves nothing. The projection moves its end to where the invariants
-have their values at the start of the step. The change has the size of the error of the step, so the order remains
-(Hairer, Lubich & Wanner, Geometric Numerical Integration, IV.4).
-
-The energy is K + V, for a torque from a potential V that does not depend on time. If the torque has no component about
-a space-fixed direction d (`Torque.fixed_axis`), such as gravity about the vertical, Pi . d is the second invariant;
-without torque it is |Pi|^2 / 2. For other torques the step is unchanged.
+The invariants get their values at the start of the step. The change has the size of the error of the step, so the order
+remains (`docs/reports/exact-flight.md`). The energy is K + V, for a torque from a potential V that does not depend on
+time. If the torque has no component about a space-fixed direction d (`Torque.fixed_axis`), such as gravity about the
+vertical, Pi . d is the second invariant; without torque it is |Pi|^2 / 2. For other torques the step is unchanged.
 
 The change is along the gradients of the invariants, in a metric that weighs a change of the momentum by I^-1 and a
-rotation of the body by I/h^2. The pose changes as well, because a change of the momentum does not change the energy at
-a turning point, where the body is momentarily at rest.
-
-Gradients are taken in units in which the largest moment and h are 1: with respect to y = h Pi / largest moment, and to
-the rotation angles of the body.
+rotation of the body by I/h^2. They are taken in units in which the largest moment and h are 1: with respect to
+y = h Pi / largest moment, and to the rotation angles of the body.
 """
 
 from collections.abc import Callable
@@ -34,6 +28,9 @@ OPERATIONS = 800  # approximate number of operations of the projection for a sim
 # error relative to the energy decreases to its second, fourth and sixth power.
 _CORRECTIONS = (1, 2)
 _ROUNDING = 64  # the largest change of the energy by rounding, in eps times the size of its terms
+
+
+Height = Callable[[AnyMotion], Array]  # the potential energy of a motion
 
 
 class _Gradient(NamedTuple):
@@ -60,15 +57,24 @@ class _Invariant(NamedTuple):
 def projected(
     system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion
 ) -> tuple[AnyMotion, Array | bool]:
-    """The end of a step of h, with the invariants of its start, and whether this succeeded.
+    """The end of a step of h, with the invariants of its start; False if the energy differs beyond rounding."""
+    potential = None
+    if system.torque is not None:
+        potential = None if system.reads_momentum else steady_potential(system.torque, t0, system.state(start))
+        if potential is None:
+            return end, True
 
-    False if the energy is known and differs from its value at the start beyond rounding.
-    """
-    energy = _energy(system, t0, t1, h, start)
-    if energy is None:
-        return end, True
+    def height(motion: AnyMotion) -> Array:
+        return jnp.zeros_like(t0) if potential is None else system.number(potential, t0, motion)
+
+    energy = _energy(system, t1, h, start, height)
     second = _square(system, h, start) if system.torque is None else _about_axis(system, t0, h, start)
-    error, size = jnp.abs(energy.change(end)), _size_of_energy(system, t0, t1, h, end)
+    error = jnp.abs(energy.change(end))
+    # Kinetic and potential energy plus the work of the torque over one radian, in the unit of `change`.
+    turning = cp.times(system.inertia.spins, system.inertia.travel(h, end.momentum))
+    torque = sum(map(jnp.abs, system.force(t1, end)), jnp.zeros_like(h))
+    potential_energy = jnp.abs(height(end))
+    size = jnp.abs(cp.dot(turning, end.momentum)) + jnp.abs(h) * (potential_energy + torque)
     for corrections in _CORRECTIONS:
         end = _corrected(system, h, end, energy, second, corrections)
     eps = float(jnp.finfo(h.dtype).eps)
@@ -125,39 +131,20 @@ def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[
     return None if depends_on_time else potential
 
 
-def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) -> _Invariant | None:
+def _energy(system: System, t1: Array, h: Array, start: AnyMotion, height: Height) -> _Invariant:
     inertia: Inertia = system.inertia
-    if system.reads_momentum or (system.torque is not None and _potential(system, t0, start) is None):
-        return None
-    at_start = _potential_energy(system, t0, start)
+    at_start = height(start)
 
     def change(motion: AnyMotion) -> Array:
         moved = inertia.travel(h, cp.subtract(motion.momentum, start.momentum))
         kinetic = 0.5 * cp.dot(cp.times(inertia.spins, moved), cp.add(motion.momentum, start.momentum))
-        return kinetic + h * (_potential_energy(system, t0, motion) - at_start)
+        return kinetic + h * (height(motion) - at_start)
 
     def gradient(motion: AnyMotion) -> _Gradient:
         turning = cp.times(inertia.spins, inertia.travel(h, motion.momentum))
         return _Gradient(turning, inertia.travel(-h, cp.scale(h, system.force(t1, motion))))
 
     return _Invariant(change, gradient)
-
-
-def _size_of_energy(system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion) -> Array:
-    """Kinetic and potential energy plus the work of the torque over one radian, in the unit of `change`."""
-    turning = cp.times(system.inertia.spins, system.inertia.travel(h, motion.momentum))
-    torque = sum(map(jnp.abs, system.force(t1, motion)), jnp.zeros_like(h))
-    potential = jnp.abs(_potential_energy(system, t0, motion))
-    return jnp.abs(cp.dot(turning, motion.momentum)) + jnp.abs(h) * (potential + torque)
-
-
-def _potential(system: System, t: Array, motion: AnyMotion) -> Callable[[Any, Any], Array] | None:
-    return None if system.torque is None else steady_potential(system.torque, t, system.state(motion))
-
-
-def _potential_energy(system: System, t: Array, motion: AnyMotion) -> Array:
-    potential = _potential(system, t, motion)
-    return jnp.zeros_like(t) if potential is None else system.number(potential, t, motion)
 
 
 def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invariant | None:

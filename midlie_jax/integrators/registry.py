@@ -1,7 +1,4 @@
-"""The registry of all methods by name.
-
-Tests, charts and benchmarks select methods from this registry by their properties, never by name.
-"""
+"""The registry of all methods by name, from which tests, charts and benchmarks select methods by their properties."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -9,7 +6,6 @@ from typing import Any, Literal, NamedTuple, overload
 
 from .._checks.arguments import described, unknown
 from ..model.bodies import Body, RigidBody, principal_of
-from . import flights, schemes
 from .base import Method
 from .brownian import Brownian
 from .flights import FLIGHTS, Flight
@@ -22,34 +18,24 @@ from .splitting import Splitting
 
 
 class Entry(NamedTuple):
-    """A method that `midlie_jax.methods()` shows.
-
-    Attributes:
-        method: the method.
-        use: when to use the method.
-        paper: whether the method is one of the rigid-body methods of Krysl 2004.
-        rival: whether the method was published later, for the same purpose, and is compared with the methods of the
-            paper.
-        chart: whether charts of error against cost include the method; they always include the exact flight with the
-            leading schemes.
-    """
+    """A method that `midlie_jax.methods()` shows."""
 
     method: Method
-    use: str
-    paper: bool = False
+    use: str  # when to use the method
+    paper: bool = False  # whether the method is one of the rigid-body methods of Krysl 2004
+    # whether the method was published later, for the same purpose, and is compared with the methods of the paper
     rival: bool = False
+    # whether charts of error against cost include the method; they always include the exact flight with the leading
+    # schemes
     chart: bool = False
 
 
-def _entry(flight: Flight, scheme: Scheme, use: str, name: str | None = None, *, chart: bool = False) -> Entry:
-    return Entry(Splitting(flight, scheme, name or f"{flight.name}[{scheme.name}]"), use, chart=chart)
+def _entry(pair: str, use: str, name: str | None = None, **options: bool) -> Entry:
+    """The entry of a FLIGHT[SCHEME]."""
+    flight, scheme = pair.removesuffix("]").split("[")
+    return Entry(Splitting(FLIGHTS[flight], SCHEMES[scheme], name or pair), use, **options)
 
 
-def _paper_entry(scheme: Scheme, use: str, **options: bool) -> Entry:
-    return _entry(flights.LieMidpoint(), scheme, use)._replace(paper=True, **options)
-
-
-_PARTICLES = flights.Linear()
 DEFAULT = "JACOBI[EA]"
 # Applications with methods of their own. Such a module has `ENTRIES`, and `FAMILIES`: by name, classes of methods that
 # are made from a scheme.
@@ -57,59 +43,58 @@ _ROOMS = ("midlie_jax.spins.methods",)
 ENTRIES: dict[str, Entry] = {
     entry.method.name: entry
     for entry in (  # best first
-        _entry(flights.Jacobi(), schemes.EA, "any body, any torque, up to three digits: start here"),
-        _entry(flights.Jacobi(), schemes.SRKN6B, "any body, four to six digits"),
-        _entry(flights.Jacobi(), schemes.SRKN14A, "any body, six digits and more, also over long runs"),
-        _entry(flights.Jacobi(), schemes.RKN8, "any body, seven digits and more, also over long runs"),
-        _entry(flights.Jacobi(), schemes.CHIN4A, "any body, three to five digits, torque from a potential"),
+        _entry("JACOBI[EA]", "any body, any torque, up to three digits: start here"),
+        _entry("JACOBI[SRKN6b]", "any body, four to six digits"),
+        _entry("JACOBI[SRKN14a]", "any body, six digits and more, also over long runs"),
+        _entry("JACOBI[RKN8]", "any body, seven digits and more, also over long runs"),
+        _entry("JACOBI[CHIN4A]", "any body, three to five digits, torque from a potential"),
         _entry(
-            flights.Symmetric(),
-            schemes.EA,
+            "SYMMETRIC[EA]",
             "two equal moments, up to three digits: 3 times faster than JACOBI, 6 times on an AxisState",
         ),
-        _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
-        _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
-        _entry(flights.Symmetric(), schemes.RKN8G, "fast tops, nine digits and more"),
-        _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
+        _entry("SYMMETRIC[SRKN6b]", "two equal moments, four to six digits"),
+        _entry("SYMMETRIC[SRKN14a]", "two equal moments, six digits and more"),
+        _entry("SYMMETRIC[RKN8G]", "fast tops, nine digits and more"),
+        _entry("SYMMETRIC[ABA1064]", "fast tops in weak fields, high accuracy"),
         Entry(GBS12, "short runs under a strong torque, any accuracy; preserves no structure", chart=True),
         Entry(PGBS12, "GBS12 that conserves the energy to rounding, torque from a potential", chart=True),
         Entry(PGBS8, "GBS8 that conserves the energy to rounding, torque from a potential", chart=True),
         Entry(DOP853, "comparison: Dormand and Prince's method of order 8; preserves no structure", chart=True),
         Entry(GBS8, "comparison: GBS12 with fewer substeps, order 8; preserves no structure", chart=True),
         Entry(GBS10, "comparison: GBS12 with fewer substeps, order 10; preserves no structure", chart=True),
-        _entry(flights.SymplecticMidpoint4(), schemes.SRKN6B, "comparison: order 4 without an exact flight"),
-        _entry(flights.SymplecticMidpoint(), schemes.EA, "comparison: the paper's method made symplectic"),
-        _entry(flights.NearSymmetric(), schemes.EA, "first two moments nearly equal, up to three digits"),
-        _entry(flights.ThreeAxis(), schemes.EA, "comparison: the usual splitting of molecular dynamics", chart=True),
+        _entry("SLIEMID4[SRKN6b]", "comparison: order 4 without an exact flight"),
+        _entry("SLIEMID[EA]", "comparison: the paper's method made symplectic"),
+        _entry("NEARSYM[EA]", "first two moments nearly equal, up to three digits"),
+        _entry("DLM[EA]", "comparison: the usual splitting of molecular dynamics", chart=True),
+        _entry("DLM[KL8]", "comparison: the DLM splitting, composed to order 8", chart=True),
+        _entry("DMV[EA]", "comparison: the discrete Moser-Veselov body"),
+        _entry("LIEMID[E1]", "the paper's first Euler method, a flight and then a kick: order 1", paper=True),
+        _entry("LIEMID[E2]", "the paper's second Euler method, a kick and then a flight: order 1", paper=True),
         _entry(
-            flights.ThreeAxis(), schemes.KAHAN_LI8, "comparison: the DLM splitting, composed to order 8", chart=True
+            "LIEMID[EA]", "the paper's alternating method: order 2, explicit, not symplectic", paper=True, chart=True
         ),
-        _entry(flights.MoserVeselov(), schemes.EA, "comparison: the discrete Moser-Veselov body"),
-        _paper_entry(schemes.E1, "the paper's first Euler method, a flight and then a kick: order 1"),
-        _paper_entry(schemes.E2, "the paper's second Euler method, a kick and then a flight: order 1"),
-        _paper_entry(schemes.EA, "the paper's alternating method: order 2, explicit, not symplectic", chart=True),
         Entry(LieMidpointImplicit(), "the paper's implicit midpoint rule, torque at mid-step", paper=True),
         Entry(AKW(), "Austin, Krishnaprasad and Wang's implicit rule, as in the paper", paper=True),
         Entry(SW(), "Simo and Wong's conserving implicit rule, as in the paper", paper=True),
         Entry(
             NewmarkBody(), "explicit Newmark in the body frame, as in the paper; spatial momentum drifts", paper=True
         ),
-        _paper_entry(schemes.EA_STAR, "the paper's alternating method with the kick at mid-step"),
+        _entry("LIEMID[EA*]", "the paper's alternating method with the kick at mid-step", paper=True),
         Entry(
             Spiral(),
             "comparison: the leapfrog of the discrete element method, as in Yade; preserves nothing",
             rival=True,
         ),
         _entry(
-            flights.Jacobi(),
-            schemes.BADAB,
+            "JACOBI[BADAB]",
             "CHIN4A for a torque that cannot be differentiated, three to five digits; not symplectic",
-        )._replace(rival=True),
+            rival=True,
+        ),
         Entry(RK4, "comparison: the classical Runge-Kutta method; preserves no structure", chart=True),
-        _entry(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
-        _entry(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force at mid-step", "position Verlet"),
-        _entry(_PARTICLES, schemes.E2, "particles: order 1, symplectic", "symplectic Euler"),
-        _entry(_PARTICLES, schemes.E1, "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
+        _entry("linear[EA]", "particles: order 2, symplectic", "Verlet"),
+        _entry("linear[EA*]", "particles: Verlet with the force at mid-step", "position Verlet"),
+        _entry("linear[E2]", "particles: order 1, symplectic", "symplectic Euler"),
+        _entry("linear[E1]", "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
         Entry(ImplicitMidpoint(), "particles under stiff forces: order 2, implicit"),
     )
 }
@@ -141,8 +126,7 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and `ml.method(ml.flights.SymplecticMidpoint4(),
     ml.schemes.SRKN6B)` return the same method. The order of a FLIGHT[SCHEME] is the lower of the orders of flight and
     scheme. Schemes that compose whole steps (TJ4, S4, Y6, KL6, SU8, KL8) reach their own order even with a flight of
-    lower order. "RK4" and "DOP853" are Runge-Kutta methods that preserve no structure, for comparison and for short
-    runs at high accuracy.
+    lower order.
 
     Raises:
         ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes without a

@@ -1,17 +1,17 @@
 """`Scheme`: the table of kicks, flights and bath stages of a step, checked on construction; `run` takes the step.
 
-The order of a scheme is measured in extended precision and without JAX. `measured_order` compares runs of two
-pendulums, and `measured_weak_order`, for a scheme with a bath, the averages of two oscillators; they need no sample,
-because mean and covariance of a linear system obey closed equations.
+The order of a scheme is measured in extended precision and without JAX, on runs of two pendulums. For a scheme with a
+bath it is measured on two oscillators, whose averages need no sample, because they obey closed equations.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import InitVar, dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 
+Stages = tuple[tuple[str, float], ...]  # kinds and coefficients
 KICK, FLIGHT, BATH = "kick", "flight", "bath"
 _ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
 _names: set[str] = set()  # the names of the package's own schemes
@@ -24,8 +24,8 @@ class Scheme:
     Attributes:
         name: the part in brackets of a method's name.
         order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. It is
-            measured (`measured_order`, up to half a second) unless there are no kicks. For a scheme with a bath it is
-            the weak order, the order of averages, which is at most 2 (`measured_weak_order`).
+            measured (`measured_order`, up to half a second) unless there are no kicks; with a bath it is the weak
+            order, the order of averages, which is at most 2 (`measured_weak_order`).
         stages: pairs (KICK | FLIGHT | BATH, coefficient), in the order in which they act. The coefficients of each kind
             sum to 1. In a bath stage, friction and noise act on the momenta, and poses are unchanged
             (`midlie_jax.baths.Langevin`).
@@ -33,20 +33,17 @@ class Scheme:
         use: when to use the scheme, for `midlie_jax.schemes.names()`.
         leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.
             `recommend` and charts of error against cost use the leading schemes.
-        composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
-            inexact flight.
+        composed: whether it composes whole symmetric steps, which also raises the order of an inexact flight.
         gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
             V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f. Not with a bath.
-        displaced: whether such a kick uses the torque at a displaced attitude instead of a derivative of the torque.
-            The attitude is displaced by the rotation vector 2 g h^2 I^-1 T, and the torque there is rotated back. The
-            difference is of order h^4, so an order up to 4 is kept; but the kick then has no potential, and the method
-            is not symplectic.
+        displaced: whether such a kick uses the torque at an attitude displaced by the rotation vector 2 g h^2 I^-1 T,
+            rotated back, instead of a derivative. The difference is of order h^4, so an order up to 4 is kept; but the
+            kick then has no potential, and the method is not symplectic.
         small: an exponent n for weak forces, as on a fast top: for forces of size e, the global error is of order e h^n
             + e^2 h^m, with m at least `order`.
 
     Args:
-        known: whether to accept the name and the order unchecked. This is for the schemes of this package, whose orders
-            are measured by tests and not at each import.
+        known: whether to accept the name and the order unchecked, for the schemes of this package.
 
     Raises:
         ValueError: the name belongs to a scheme of this package, or contains brackets; coefficients do not sum to 1;
@@ -64,7 +61,7 @@ class Scheme:
 
     name: str
     order: int
-    stages: tuple[tuple[str, float], ...]
+    stages: Stages
     source: str = ""
     composed: bool = False
     gradients: tuple[float, ...] = ()
@@ -75,51 +72,48 @@ class Scheme:
     known: InitVar[bool] = False
 
     def __post_init__(self, known: bool) -> None:
-        label = f"scheme {self.name!r}"
+        for problem in self._problems(known):
+            raise ValueError(f"scheme {self.name!r}{problem}")
+
+    def _problems(self, known: bool) -> Iterator[str]:
         if not known and self.name in _names:
-            raise ValueError(f"{label}: midlie_jax has a scheme of this name; choose another name.")
+            yield ": midlie_jax has a scheme of this name; choose another name."
         if not isinstance(self.name, str) or not self.name or set("[]") & set(self.name):
-            raise ValueError(f"{label}: its name must be text without brackets.")
+            yield ": its name must be text without brackets."
         if not isinstance(self.stages, tuple):
-            raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
+            yield f": stages must be a tuple of (kind, coefficient), got {self.stages!r}."
         for stage in self.stages:
             if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
-                raise ValueError(f"{label}: each stage must be a pair (kind, coefficient), got {stage!r}.")
+                yield f": each stage must be a pair (kind, coefficient), got {stage!r}."
         kinds = [kind for kind, _ in self.stages]
         if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT, BATH}:
-            listed = ", ".join(map(repr, kinds))
-            raise ValueError(f"{label} must be made of {KICK!r}, {FLIGHT!r} and {BATH!r}, got {listed}.")
+            yield f" must be made of {KICK!r}, {FLIGHT!r} and {BATH!r}, got {', '.join(map(repr, kinds))}."
         if self.random and (self.gradients or self.composed or self.small is not None):
-            raise ValueError(
-                f"{label} has a bath, so averages are of weak order 2 at most; leave out gradients, composed and small."
-            )
+            yield " has a bath, so averages are of weak order 2 at most; leave out gradients, composed and small."
         for kind in dict.fromkeys(kinds):
             total = sum(c for k, c in self.stages if k == kind)
             if not abs(total - 1) <= _ROUNDING:
-                raise ValueError(f"{label}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
+                yield f": the coefficients of its {kind}s must sum to 1, got {total:.15g}."
         if self.gradients and len(self.gradients) != kinds.count(KICK):
-            raise ValueError(
-                f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
-            )
+            yield f" has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
         if self.displaced and not any(self.gradients):
-            raise ValueError(f"{label} has no gradients to replace by a displaced torque; leave out displaced.")
+            yield " has no gradients to replace by a displaced torque; leave out displaced."
         if not isinstance(self.order, int) or self.order < 1:
-            raise ValueError(f"{label}: its order must be a positive integer, got {self.order!r}.")
+            yield f": its order must be a positive integer, got {self.order!r}."
         if self.composed and not self._is_composed():
-            raise ValueError(
-                f"{label} is declared composed, but its kicks are not half the sum of the adjacent "
-                "flights; leave out composed."
+            yield (
+                " is declared composed, but its kicks are not half the sum of the adjacent flights; leave out composed."
             )
         if self.small is not None and not self._moments_are_exact(self.small):
-            raise ValueError(
-                f"{label} has small={self.small}, but its kicks do not integrate polynomials of degree "
-                f"{self.small - 1} in time exactly; check the coefficients, or leave out small."
+            yield (
+                f" has small={self.small}, but its kicks do not integrate polynomials of degree {self.small - 1} in "
+                "time exactly; check the coefficients, or leave out small."
             )
         if not known and (KICK in kinds or self.random):
             measured = measured_weak_order(self) if self.random else measured_order(self)
             if not abs(measured - self.order) < 0.5:
-                raise ValueError(
-                    f"{label} is declared of order {self.order}, but an order of {measured:.1f} is measured; check the "
+                yield (
+                    f" is declared of order {self.order}, but an order of {measured:.1f} is measured; check the "
                     "coefficients, or declare the measured order."
                 )
 
@@ -128,17 +122,13 @@ class Scheme:
         if not self.alternates or self.stages[0][0] != KICK:
             return False
         kicks, flights, _ = self.columns()
-        ends = [0.0, *flights, 0.0]
-        return all(abs(kick - (a + b) / 2) <= _ROUNDING for kick, (a, b) in zip(kicks, pairwise(ends), strict=True))
+        halves = zip(kicks, pairwise([0.0, *flights, 0.0]), strict=True)
+        return all(abs(kick - (a + b) / 2) <= _ROUNDING for kick, (a, b) in halves)
 
     def _moments_are_exact(self, count: int) -> bool:
         """Whether the kicks, as a quadrature at their times, integrate the powers of t below `count` exactly."""
-        time, rule = 0.0, list[tuple[float, float]]()
-        for kind, coefficient in self.stages:
-            if kind == FLIGHT:
-                time += coefficient
-            else:
-                rule.append((coefficient, time))
+        kicks = (coefficient for kind, coefficient in self.stages if kind == KICK)
+        rule = list(zip(kicks, self.times_of_kicks, strict=True))
         return all(abs(sum(b * c**k for b, c in rule) - 1 / (k + 1)) <= _ROUNDING for k in range(count))
 
     @property
@@ -153,18 +143,14 @@ class Scheme:
 
     @property
     def begins_with_force(self) -> bool:
-        """Whether a step begins with a kick by the force at its start, without a gradient.
-
-        A bath before the first kick or after the last one does not change the force.
-        """
-        kinds = [kind for kind, _ in self.stages if kind != BATH]
-        return kinds[0] == KICK and not any(self.gradients[:1])
+        """Whether a step begins with a kick by the force at its start, without a gradient; a bath changes no force."""
+        return next(kind for kind, _ in self.stages if kind != BATH) == KICK and not any(self.gradients[:1])
 
     @property
     def reuses_force(self) -> bool:
         """Whether a step begins and ends with such a kick, so its last force is the first of the next step."""
-        kinds = [kind for kind, _ in self.stages if kind != BATH]
-        return self.begins_with_force and kinds[-1] == KICK and not any(self.gradients[-1:])
+        last = next(kind for kind, _ in reversed(self.stages) if kind != BATH)
+        return self.begins_with_force and last == KICK and not any(self.gradients[-1:])
 
     def merged(self) -> "Scheme":
         """The scheme with adjacent stages of the same kind merged: the same method if the flight is exact."""
@@ -184,11 +170,8 @@ class Scheme:
     @property
     def alternates(self) -> bool:
         """Whether there are only kicks and flights, alternating, and the first and last stage are of the same kind."""
-        return (
-            not self.random
-            and all(a[0] != b[0] for a, b in pairwise(self.stages))
-            and self.stages[0][0] == self.stages[-1][0]
-        )
+        kinds = [kind for kind, _ in self.stages]
+        return not self.random and kinds[0] == kinds[-1] and all(a != b for a, b in pairwise(kinds))
 
     def columns(self) -> tuple[list[float], list[float], list[float]]:
         """If the scheme alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
@@ -210,7 +193,7 @@ class Scheme:
         return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force + at_displaced
 
 
-def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:
+def own_scheme(name: str, order: int, stages: Stages, source: str, **options: Any) -> Scheme:
     _names.add(name)
     return Scheme(name, order, stages, source, known=True, **options)
 
@@ -224,20 +207,16 @@ def run(
     force: Any = None,
     bathe: Callable[[float, float, int, Any], Any] | None = None,
 ) -> tuple[Any, Any]:
-    """One step of h by a scheme.
+    """One step of h by a scheme: the new motion, and the force of the last kick (None if there was no kick).
 
     Args:
         fly: `fly(a, motion)`, the motion after a flight for the time a h.
         kick: `kick(b, c, motion, force)`, the motion after an impulse b h force at the time c h after the start.
-        evaluate: `evaluate(c, g, motion)`, the force at the time c h after the start, with the weight g of
-            `Scheme.gradients`.
+        evaluate: `evaluate(c, g, motion)`, the force at the time c h, with the weight g of `Scheme.gradients`.
         motion: the motion at the start, of any type.
         force: the force at the start if the caller kept it from the previous step (see `reuses_force`), else None.
-        bathe: `bathe(b, c, i, motion)`, the motion after stage i of the bath, counted from 0, which acts for the time b
-            h at the time c h after the start. If None, such stages change nothing.
-
-    Returns:
-        The new motion, and the force of the last kick (None if there was no kick).
+        bathe: `bathe(b, c, i, motion)`, the motion after stage i of the bath, from 0, for the time b h at the time c h.
+            If None, such stages change nothing.
 
     Examples:
         >>> h = 0.1  # a mass on a spring; its motion is (position, momentum)
@@ -273,9 +252,7 @@ _START = np.array([0.3, 0.8], np.longdouble), np.array([0.7, -0.4], np.longdoubl
 _DURATION, _FEWEST_STEPS, _MOST_STEPS = 3, 12, 1536
 
 
-def pendulums(
-    scheme: Scheme, count: int, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
-) -> np.ndarray:
+def pendulums(scheme: Scheme, count: int, before: Stages = (), after: Stages = ()) -> np.ndarray:
     """Momenta and angles of two pendulums after `count` steps, in extended precision, (4,)."""
     h = np.longdouble(_DURATION) / count
 
@@ -300,7 +277,7 @@ def pendulums(
         pull_rate = np.sin(u[0] - u[1]) / 2 * (w[0] - w[1])
         return force + 2 * g * h * h * (-np.cos(u) * w + np.array([pull_rate, -pull_rate]))
 
-    def apply(stages: tuple[tuple[str, float], ...], motion: Any) -> Any:
+    def apply(stages: Stages, motion: Any) -> Any:
         for kind, x in stages:
             motion = fly(x, motion) if kind == FLIGHT else kick(x, 0.0, motion, evaluate(0.0, 0.0, motion))
         return motion
@@ -311,14 +288,12 @@ def pendulums(
     return np.concatenate(apply(after, motion))
 
 
-def measured_order(
-    scheme: Scheme, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
-) -> float:
+def measured_order(scheme: Scheme, before: Stages = (), after: Stages = ()) -> float:
     """The order of a scheme on two pendulums: the slope of the error at the smallest steps not dominated by rounding.
 
-    A `Scheme` is measured on construction. The error is estimated from differences of runs with steps h, h/2 and h/4,
-    in NumPy's longdouble and without JAX. The result is within about 0.1 of an integer. If rounding hides the error
-    (order 8 and more if longdouble is plain double), it is the slope at the largest steps.
+    The error is estimated from differences of runs with steps h, h/2 and h/4, in NumPy's longdouble. The result is
+    within about 0.1 of an integer. If rounding hides the error (order 8 and more if longdouble is plain double), it is
+    the slope at the largest steps.
 
     Args:
         scheme: the scheme.
@@ -354,8 +329,7 @@ def measured_weak_order(scheme: Scheme) -> float:
         >>> round(ml.schemes.measured_weak_order(ml.schemes.BAOAB))
         2
     """
-    counts = 16, 32, 64
-    coarse, middle, fine = (_averages(scheme, count) for count in counts)
+    coarse, middle, fine = (_averages(scheme, count) for count in (16, 32, 64))
     order = float(np.log2(np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine)))
     return min(order, measured_order(scheme)) if any(kind == KICK for kind, _ in scheme.stages) else order
 

@@ -9,7 +9,7 @@ from .._math import components as cp
 from .._math.short_series import half_turn
 from ..model.bodies import RigidBody
 from .base import Method
-from .system import Motion, System
+from .system import AnyMotion, Motion, Stepped, System
 from .verdict import verdict
 
 _REACH = 1.6  # radians
@@ -23,11 +23,9 @@ class Spiral(Method):
 
         k1 = k f(Pi),  k2 = k f(Pi + k1),  k3 = k f(Pi + (k1 + k2)/4),  Pi + (k1 + k2 + 4 k3)/6
 
-    This is the leapfrog form of the algorithm, with momentum and attitude at the same times, as its first author wrote
-    it for velocity Verlet (JaxDEM). The torque is evaluated once per step, or at each stage if it reads the momentum.
-    The order is 2; only the momentum at a fixed attitude has order 3. The method is neither symmetric nor symplectic,
-    and the spatial momentum of a free body is not conserved. A step reports False in `ok` if it rotates by more than
-    1.6 radians.
+    This is the leapfrog form of the algorithm, as its first author wrote it for velocity Verlet (JaxDEM). The torque is
+    evaluated once per step, or at each stage if it reads the momentum. The order is 2; only the momentum at a fixed
+    attitude has order 3. A step reports False in `ok` if it rotates by more than 1.6 radians.
 
     C. A. del Valle, V. Angelidakis, S. Roy, J. D. Munoz, T. Poeschel, Comput. Phys. Commun. 297 (2024) 109077, arXiv
     2311.04106.
@@ -52,9 +50,7 @@ class Spiral(Method):
     def keeps_force(self, system: System) -> bool:
         return system.keeps_torque
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
-    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
         half_way = _pushed(system, t0, h / 2, motion, force)
         w = cp.scale(h / 2, system.velocity(half_way.momentum))
         turned = Motion(half_way.momentum, system.turned(half_way.pose, cp.square(half_turn(w)), h))

@@ -1,5 +1,7 @@
 """`Splitting`, a method whose step alternates flights and kicks in the order and with the coefficients of a scheme."""
 
+from collections.abc import Callable
+from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,9 +10,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
+from .._xla.apart import Placement
 from .._xla.fusion import begin, begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept, recomputed
-from .._xla.placement import Placement
 from .._xla.platform import on_cpu
 from ..model.baths.base import BathOfBodies
 from ..model.bodies import Body
@@ -19,10 +21,10 @@ from ..model.state import AnyState
 from ..model.torques.reads_body import without_bath
 from .base import Method
 from .flights import Flight
-from .flights.exact import ExactFlight, Flown, Known
+from .flights.exact import ExactFlight, Flown, Known, carry
 from .limits import decay_limit, oscillator_limit
 from .scheme import BATH, FLIGHT, KICK, Scheme, run
-from .system import AnyMotion, Motion, System, added
+from .system import AnyMotion, Motion, Stepped, System, added
 from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
 
@@ -99,31 +101,29 @@ class Splitting(Method):
     def keeps_force(self, system: System) -> bool:
         return self.scheme.reuses_force and system.keeps_torque
 
-    def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
-        return self._step(self._stages(system, t0, t1, h), motion, force)
+    def step(self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any) -> Stepped:
+        return self._step(system, t0, t1, h, motion, force)
 
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
+    ) -> tuple[*Stepped, Any]:
         used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops_for(system)
         flown: list[Known] | None = [] if used else None
-        return *self._step(self._stages(system, t0, t1, h, flown=flown), motion, force), flown
+        return *self._step(system, t0, t1, h, motion, force, flown=flown), flown
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
+    ) -> Stepped:
         known = None if known is None else [flown._replace(increment=cp.conjugate(flown.increment)) for flown in known]
-        return self._step(self._stages(system, t0, t1, h, known=known), motion, force)
+        return self._step(system, t0, t1, h, motion, force, known=known)
 
-    def _stages(self, system: System, t0: Array, t1: Array, h: Array, **known: Any) -> "_Stages":
-        return _Stages(self.flight, system, t0, t1, h, self.scheme.displaced, **known)
-
-    def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
-        advance = self._step_in_loop if self.loops_for(stages.system) else self._step_unrolled
+    def _step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, **known: Any
+    ) -> Stepped:
+        stages = _Stages(self.flight, system, t0, t1, h, self.scheme.displaced, **known)
+        advance = self._step_in_loop if self.loops_for(system) else self._step_unrolled
         motion, force, ok = advance(stages, motion, force)
-        return motion, force if self.keeps_force(stages.system) else None, ok
+        return motion, force if self.keeps_force(system) else None, ok
 
     @property
     def _can_loop(self) -> bool:
@@ -132,14 +132,13 @@ class Splitting(Method):
     @property
     def loops(self) -> bool:
         """Whether the step is a loop over its stages, because the unrolled step would take too long to compile."""
-        many = self.scheme.flights > max(2, self.flight.per_loop)
-        return many and self._can_loop
+        return self.scheme.flights > max(2, self.flight.per_loop) and self._can_loop
 
     def loops_for(self, system: System) -> bool:
         """True also for a separately compiled torque, so that a step holds one copy of it."""
         return self.loops or (system.placement is Placement.APART and self._can_loop and self.scheme.flights > 1)
 
-    def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
+    def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> Stepped:
         ok: Array | bool = True
 
         def fly(a: float, motion: AnyMotion) -> AnyMotion:
@@ -164,91 +163,71 @@ class Splitting(Method):
         # A compensated sum needs both parts, and XLA would repeat the flight for each of them.
         if system.kind.compensated and (self.scheme.flights > 1 or system.torque is not None):
             return split(motion)
-        # A long wrench, which reads thirteen numbers, and a long flight do not fit one loop: XLA would repeat the
-        # flight for several of these numbers.
+        # For a long wrench, which reads thirteen numbers, XLA would repeat a long flight.
         travels = system.kind.rotation is not None or system.kind.several
         if system.placement.is_long and travels and self.flight.per_loop <= 2:
             return split(motion)
         return system.placement.after_flight(motion)
 
-    def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
+    def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> Stepped:
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
-        If the step begins with a kick, this kick precedes the loop. No iteration then passes a force to the next one;
-        for a short flight, these passes over memory would take a large part of the run time.
+        If the step begins with a kick, this kick precedes the loop, so that no iteration passes a force through memory
+        to the next one. Only a separately compiled torque is in the loop once for all flights, each after its kick.
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
-            if stages.system.placement is Placement.APART:
-                return self._step_in_one_loop(stages, motion, force)
             force = stages.evaluate(0.0, 0.0, motion) if force is None else force
+            if stages.system.placement is Placement.APART:
+
+                def kick_and_fly(stages: _Stages, row: Any, motion: AnyMotion, force: Any, ok: Any) -> Any:
+                    kick, flight, start_time, end_time = row
+                    motion = stages.kick(kick, start_time, motion, force)
+                    motion, force, flight_ok = self._flown(stages, flight, end_time, motion)
+                    return motion, force, earlier(ok, flight_ok)
+
+                columns = kicks[:-1], flights, times[:-1], times[1:]
+                motion, force, ok = self._over_stages(kick_and_fly, stages, columns, motion, force)
+                return stages.kick(kicks[-1], 1.0, motion, force), force, ok
             motion = fuse(stages.kick(kicks[0], 0.0, motion, force))
             kicks = kicks[1:]
 
-        def fly_and_kick(
-            stages: _Stages, row: Any, motion: AnyMotion, ok: Array | bool
-        ) -> tuple[AnyMotion, Any, Array | bool]:
+        def fly_and_kick(stages: _Stages, row: Any, motion: AnyMotion, ok: Any) -> Any:
             flight, end_time, kick = row
-            motion, flight_ok = stages.fly(flight, motion)
-            motion = self._after_flight(stages, motion)
-            force = stages.evaluate(end_time, 0.0, motion)
-            return stages.kick(kick, end_time, motion, force), force, earlier(ok, flight_ok)
-
-        def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            system, (motion, ok) = stages.system.begun(begin_step, carry, shared=True)
-            motion, _, ok = fly_and_kick(stages._replace(system=system), row, motion, ok)
-            return fuse((motion, ok)), None
+            motion, force, flight_ok = self._flown(stages, flight, end_time, motion)
+            return stages.kick(kick, end_time, motion, force), earlier(ok, flight_ok)
 
         columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
-        rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
-        start = motion, jnp.full_like(stages.h, FINE, FINE.dtype)
-        motion, ok = self._over_stages(iteration, start, rows)
+        motion, ok = self._over_stages(fly_and_kick, stages, columns, motion)
         system, motion = stages.system.begun(begin, motion, shared=True)
         stages = stages._replace(system=system)
         if kicks_first:
-            return fly_and_kick(stages, (flights[-1], 1.0, kicks[-1]), motion, ok)
+            motion, force, flight_ok = self._flown(stages, flights[-1], 1.0, motion)
+            return stages.kick(kicks[-1], 1.0, motion, force), force, earlier(ok, flight_ok)
         motion, flight_ok = stages.fly(flights[-1], motion)
         return motion, None, earlier(ok, flight_ok)
 
-    def _step_in_one_loop(
-        self, stages: "_Stages", motion: AnyMotion, force: Any
-    ) -> tuple[AnyMotion, Any, Array | bool]:
-        """`_step_in_loop` for a step that begins with a kick; the loop holds all flights and the only torque."""
-        kicks, flights, times = self.scheme.columns()
-        force = stages.evaluate(0.0, 0.0, motion) if force is None else force
+    def _over_stages(self, part: Callable[..., Any], stages: "_Stages", columns: Any, *start: Any) -> Any:
+        """The end of a scan. A reverse derivative recomputes each iteration, or it would store all of its numbers."""
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            system, (motion, force, ok) = stages.system.begun(begin_step, carry, shared=True)
-            inner = stages._replace(system=system)
-            kick, flight, start_time, end_time = row
-            motion = inner.kick(kick, start_time, motion, force)
-            motion, flight_ok = inner.fly(flight, motion)
-            motion = self._after_flight(inner, motion)
-            force = inner.evaluate(end_time, 0.0, motion)
-            return fuse((motion, force, earlier(ok, flight_ok))), None
+            system, carry = stages.system.begun(begin_step, carry, shared=True)
+            return fuse(part(stages._replace(system=system), row, *carry)), None
 
-        rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))
-        start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
-        motion, force, ok = self._over_stages(iteration, start, rows)
-        return stages.kick(kicks[-1], 1.0, motion, force), force, ok
-
-    def _over_stages(self, iteration: Any, start: Any, rows: Any) -> Any:
-        """The end of a scan. A reverse derivative recomputes each iteration, or it would store all of its numbers."""
+        rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
+        carry = *start, jnp.full_like(stages.h, FINE, FINE.dtype)
         unroll = self.flight.per_kernel if not on_cpu() else 2 if self.flight.per_loop > 2 else 1
-        return jax.lax.scan(recomputed(iteration, middle=False), start, rows, unroll=unroll)[0]
+        return jax.lax.scan(recomputed(iteration, middle=False), carry, rows, unroll=unroll)[0]
 
-    def _after_flight(self, stages: "_Stages", motion: AnyMotion) -> AnyMotion:
-        """The motion after a flight in a loop; a long flight fills its own loop."""
-        return stages.system.placement.after_flight(motion) if self.flight.per_loop > 2 else split(motion)
+    def _flown(self, stages: "_Stages", flight: Any, end_time: Any, motion: AnyMotion) -> tuple[AnyMotion, Any, Any]:
+        """The motion after a flight in a loop, the force there and the verdict; a long flight fills its own loop."""
+        motion, ok = stages.fly(flight, motion)
+        motion = stages.system.placement.after_flight(motion) if self.flight.per_loop > 2 else split(motion)
+        return motion, stages.evaluate(end_time, 0.0, motion), ok
 
 
 class _Stages(NamedTuple):
-    """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
-
-    Attributes:
-        flown: a list to which each flight adds the known parts of its reverse; or None.
-        known: the known parts of the flights, from the last to the first, or None; each flight removes its entry.
-    """
+    """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages."""
 
     flight: Flight
     system: System
@@ -256,7 +235,8 @@ class _Stages(NamedTuple):
     t1: Array
     h: Array
     displaced: bool
-    flown: list[Known] | None = None
+    flown: list[Known] | None = None  # a list to which each flight adds the known parts of its reverse; or None
+    # the known parts of the flights, from the last to the first, or None; each flight removes its entry
     known: list[Known] | None = None
 
     def _time(self, c: Any) -> Array:
@@ -268,9 +248,7 @@ class _Stages(NamedTuple):
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         order = -1 if self.known else 1  # the known parts of the last body are last in the list
         flown = [self._fly_one(a, *member) for member in self.system.members(motion)[::order]][::order]
-        ok: Array | bool = True
-        for _, one in flown:
-            ok = earlier(ok, one)
+        ok = reduce(earlier, (one for _, one in flown), True)
         return self.system.of_members([motion for motion, _ in flown]), ok
 
     def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
@@ -297,6 +275,11 @@ class _Stages(NamedTuple):
         if self.system.torque is None:
             return None
         if g:
+            if self.system.reads_momentum:
+                raise ValueError(
+                    "torque must not depend on the momentum under a scheme with force gradients. Use a scheme without "
+                    "gradients."
+                )
             gradient = self.system.displaced_force if self.displaced else self.system.gradient_force
             return gradient(self._time(c), g * self.h * self.h, motion)
         return self.system.force(self._time(c), motion)
@@ -322,10 +305,7 @@ class _Stages(NamedTuple):
 
 @eqx.filter_jit
 def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-    """One flight, traced once for all flights of a step, and for all later methods with the same flight.
-
-    The increment is None for a state without a pose.
-    """
+    """A flight, traced once for all methods that have it; its increment is None for a state without a pose."""
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     if has_pose:
@@ -346,6 +326,6 @@ def _carry(
     no_step: Array,
     known: Known | None,
 ) -> tuple[Flown, Any, Array | bool]:
-    flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, known)
+    flown, pose = carry(flight, kind, inertia, h, motion.momentum, known, motion.pose, no_step)
     ok = True if known is not None else flight.verdict(inertia, h, motion.momentum)
     return flown, pose, ok

@@ -10,9 +10,9 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla import budgets
+from .._xla.apart import Placement
 from .._xla.fusion import split
 from .._xla.per_row import in_rows, with_tangents_of
-from .._xla.placement import Placement
 from .._xla.replay import Traced
 from ..model.bodies import Body
 from ..model.exposure import PreparedBath
@@ -35,6 +35,7 @@ class Motion(eqx.Module, Generic[P, Q]):
 
 
 AnyMotion = Motion[Any, Any]
+Stepped = tuple[AnyMotion, Any, Array | bool]  # motion, force if it is kept, and a verdict or whether a step succeeded
 
 
 class System(NamedTuple):
@@ -42,23 +43,17 @@ class System(NamedTuple):
 
     Momenta and poses are in principal components; states and torques are in the user's components, which differ for a
     `TensorBody`.
-
-    Attributes:
-        inertia: the constants of the body, `Body.inertia()`.
-        frame: the quaternion from principal components to the user's; None if both agree.
-        by_step: whether a part of the torque has a constant value in each step; see `in_step`.
-        traced: the torque from its trace; None without a torque.
     """
 
-    inertia: Any
+    inertia: Any  # the constants of the body, `Body.inertia()`
     torque: TorqueLike | None
     kind: Kind
     reads_momentum: bool
     placement: Placement
-    frame: Any = None
+    frame: Any = None  # the quaternion from principal components to the user's; None if both agree
     bath: tuple[PreparedBath, ...] | None = None
-    by_step: bool = False
-    traced: Traced | None = None
+    by_step: bool = False  # whether a part of the torque has a constant value in each step; see `in_step`
+    traced: Traced | None = None  # the torque from its trace; None without a torque
 
     @classmethod
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
@@ -94,10 +89,9 @@ class System(NamedTuple):
     def begun(self, begin: Callable[[Any], Any], carry: C, *, shared: bool = False) -> "tuple[System, C]":
         """The system and the carry at the start of a loop of a step, by `begin` of `_xla/fusion.py`.
 
-        The cotangents of the constants of body and bath leave the derivative of the loop in the loop of the motion.
-        Without this, each would have a separate loop, with much of the derivative of the step. If the bodies of a batch
-        share the constants, each has a copy for the derivative; the cotangents would otherwise be summed over the
-        bodies at every use.
+        The cotangents of the constants of body and bath leave the derivative of the loop in the loop of the motion, not
+        each in a separate loop. If the bodies of a batch share the constants, each has a copy for the derivative; the
+        cotangents would otherwise be summed over the bodies at every use.
         """
         # The rows of a copy lack the axes of a mesh that are part of the array types.
         if not shared or jax.sharding.get_abstract_mesh().explicit_axes:
@@ -113,7 +107,10 @@ class System(NamedTuple):
         return system._replace(inertia=inertia, bath=bath)._tied(), carry
 
     def _tied(self) -> "System":
-        parts = jax.tree.map(lambda x: x.tied() if _is_inertia(x) else x, self.inertia, is_leaf=_is_inertia)
+        def is_inertia(value: Any) -> bool:
+            return isinstance(value, Inertia)
+
+        parts = jax.tree.map(lambda x: x.tied() if is_inertia(x) else x, self.inertia, is_leaf=is_inertia)
         return self._replace(inertia=parts)
 
     def at_step(self, n: Array) -> "System":
@@ -220,20 +217,16 @@ class System(NamedTuple):
     def force(self, t: Array, motion: Motion[P, Any]) -> P:
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
         if self.torque is None:
-            return _zeros(motion.momentum)
+            return jax.tree.map(jnp.zeros_like, motion.momentum)
         return self.placement.around_torque(self._evaluate(t, self.placement.around_torque(motion)))
 
     def displaced_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """`gradient_force` up to weight^2, from a second torque in place of a derivative.
 
         It is the torque at the pose displaced by d = 2 weight w, w = I^-1 T, in the frame before the displacement. A
-        body without translation is rotated by the Rodrigues vector d/2, and the torque is rotated back. A torque
-        without a component about a space-fixed direction therefore keeps this property, and the kick conserves the
-        momentum about that direction. For a body that also translates, both are done to first order.
+        body without translation is rotated by the Rodrigues vector d/2, and the torque is rotated back, so the kick
+        conserves momenta about space-fixed directions. For a body that also translates, both are to first order.
         """
-        if self.torque is None:
-            return _zeros(motion.momentum)
-        self._require_torque_of_pose()
         motion = self.placement.around_torque(motion)
 
         def at(pose: Any) -> P:
@@ -242,30 +235,18 @@ class System(NamedTuple):
         force = at(motion.pose)
         displacement = jax.tree.map(lambda x: 2 * weight * x, self.velocity(force))
         if self.kind.turns:
-            x, y, z = cp.scale(0.5, cast(cp.Vector, displacement))
-            share = cp.inverse_root(1 + x * x + y * y + z * z)
-            turn = share, share * x, share * y, share * z
+            turn = cp.cayley(cast(cp.Vector, displacement))
             return cast(Any, cp.rotate(turn, cast(Any, at(self.kind.act(motion.pose, turn)))))
         moved = self.kind.shift(motion.pose, self.kind.rate(motion.pose, displacement), jnp.asarray(False))
         return added(at(moved), 2 * weight, self.inertia.commutator(force))
 
-    def _require_torque_of_pose(self) -> None:
-        if self.reads_momentum:
-            raise ValueError(
-                "torque must not depend on the momentum under a scheme with force gradients. Use a scheme without "
-                "gradients."
-            )
-
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
-        """The torque of the potential V - weight T . I^-1 T; raises a ValueError if the torque depends on the momentum.
+        """The torque of the potential V - weight T . I^-1 T.
 
         The torque is T + 2 weight (dT + w x T), with w = I^-1 T and dT the rate of change of T while the body rotates
         with the angular velocity w. The cross product arises because derivatives of a potential along the body axes do
         not commute; for particles it is absent.
         """
-        if self.torque is None:
-            return _zeros(motion.momentum)
-        self._require_torque_of_pose()
         motion = self.placement.around_torque(motion)
 
         def at(pose: Any) -> P:
@@ -317,20 +298,12 @@ def _is_scalar(value: Any) -> bool:
     return eqx.is_inexact_array(value) and not value.ndim
 
 
-def _is_inertia(value: Any) -> bool:
-    return isinstance(value, Inertia)
-
-
 def added(momentum: P, h: Array, force: P) -> P:
     return jax.tree.map(lambda p, f: p + h * f, momentum, force)
 
 
 def _opposite(frame: Any) -> Any:
     return tuple(map(cp.conjugate, frame)) if isinstance(frame[0], tuple) else cp.conjugate(frame)
-
-
-def _zeros(momentum: P) -> P:
-    return jax.tree.map(jnp.zeros_like, momentum)
 
 
 def _check_force(kind: Kind, returned: Any, momentum: Any) -> None:
@@ -351,16 +324,12 @@ def _check_force(kind: Kind, returned: Any, momentum: Any) -> None:
             wanted, cure = "a midlie_jax.torques.Wrench, or one array for a torque alone", "use jnp.stack([...])"
         raise ValueError(f"the torque must return {wanted}, got {type(returned).__name__}; {cure}.")
     for found, like in zip(jax.tree.leaves(returned), jax.tree.leaves(momentum), strict=True):
-        _check_array(found, like)
-
-
-def _check_array(returned: jax.ShapeDtypeStruct, like: Array) -> None:
-    shape, dtype = tuple(returned.shape), returned.dtype
-    if shape == tuple(like.shape) and dtype == like.dtype:
-        return
-    cure = "use jnp.stack([...]) and cast its parameters."
-    if len(shape) > len(like.shape) and shape[len(shape) - len(like.shape) :] == tuple(like.shape):
-        cure = "a parameter with one row per body needs midlie_jax.ensemble (with torque_axes=0), or jax.vmap."
-    raise ValueError(
-        f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got {dtype}{list(shape)}; {cure}"
-    )
+        shape, wanted_shape, dtype = tuple(found.shape), tuple(like.shape), found.dtype
+        if shape == wanted_shape and dtype == like.dtype:
+            continue
+        cure = "use jnp.stack([...]) and cast its parameters."
+        if len(shape) > len(wanted_shape) and shape[len(shape) - len(wanted_shape) :] == wanted_shape:
+            cure = "a parameter with one row per body needs midlie_jax.ensemble (with torque_axes=0), or jax.vmap."
+        raise ValueError(
+            f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got {dtype}{list(shape)}; {cure}"
+        )

@@ -17,10 +17,7 @@ FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNS
 
 
 def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
-    """The verdict of a step whose solve succeeded and whose sizes are within their bounds, in pairs.
-
-    If all sizes are NaN, the step started with a number that is not finite.
-    """
+    """The verdict of a step from the success of its solve, and sizes with their bounds; all are NaN if its start is."""
     good, beyond, number = jnp.asarray(solved), jnp.asarray(False), jnp.asarray(not within)
     for size, bound in within:
         good, beyond, number = good & (size <= bound), beyond | (size > bound), number | (size == size)

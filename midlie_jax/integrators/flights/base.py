@@ -1,14 +1,15 @@
-"""`Flight`, the base class of all flights: maps for the torque-free motion of a body."""
+"""`Flight`, the base class of all flights: maps for the torque-free motion of a body; and the flight of particles."""
 
 import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jax import Array
 
 from ..._math import components as cp
-from ...model.bodies import Body
+from ...model.bodies import Body, Particles, RigidBody
 from ..verdict import as_verdict, is_fine
 
 
@@ -26,13 +27,10 @@ class Flight(eqx.Module):
         equal_moments: whether the flight moves only bodies with two equal moments.
         solves: the number of equations that a flight solves by iteration.
         per_loop: the number of flights that fit one compiled loop; in a step with more flights, a loop ends after each
-            flight. XLA's CPU emitter splits a larger loop into functions that call each other, which repeats the work
-            many times.
-        per_kernel: the number of flights, each with a kick, that XLA's GPU compiler keeps in one kernel (counted by
-            `benchmarks/kernels.py`).
+            flight, because XLA's CPU emitter would repeat the work of a larger loop many times.
+        per_kernel: the number of flights, each with a kick, in one GPU kernel (counted by `benchmarks/kernels.py`).
         long_derivative: whether the reverse derivative of a flight is so long that it needs its own loop.
-        reach: the largest angle of a flight, its time times `turn_rate`, in radians, beyond which `ok` is False;
-            infinity if unknown.
+        reach: the largest angle of a flight, time times `turn_rate`, in radians; `ok` is False beyond it.
 
     Examples:
         >>> cp, half_turn = ml.flights.components, ml.flights.short_series.half_turn
@@ -96,21 +94,20 @@ class Flight(eqx.Module):
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
-        """The flight of a state without a pose (`MomentumState`), which needs no increment.
+        """The change of the momentum and `ok` of a state without a pose (`MomentumState`), which needs no increment.
 
-        A flight that can compute the change of the momentum faster without the increment overrides this method. The
-        change, its derivatives and `ok` must agree with the whole flight to rounding. By default the flight is called
-        and its increment dropped, and the compiler removes the unused operations.
-
-        Returns:
-            The change of the momentum, and `ok` as for the flight.
+        A flight that can compute the change faster without the increment overrides this method. The change, its
+        derivatives and `ok` must agree with the whole flight to rounding.
         """
         _, change, ok = self(inertia, h, momentum)
         return change, ok
 
 
 class JudgedFlight(Flight):
-    """A flight that gives the reason of a failure: it defines `judged`, and `__call__` uses that."""
+    """A flight that defines `judged`, which gives the reason of a failure; by default symplectic, of a rigid body."""
+
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type[Body]] = RigidBody
 
     @abstractmethod
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]: ...
@@ -118,3 +115,25 @@ class JudgedFlight(Flight):
     def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
         increment, change, verdict = self.judged(inertia, h, momentum)
         return increment, change, is_fine(verdict)
+
+
+class Linear(Flight):
+    """u += h M^-1 p, the exact force-free motion of particles. The momentum is constant.
+
+    Examples:
+        >>> masses = ml.Particles([1.0, 2.0])
+        >>> displacement, change, ok = ml.flights.Linear()(masses.inertia(), jnp.array(0.5), jnp.array([3.0, 4.0]))
+        >>> displacement
+        Array([1.5, 1. ], dtype=float64)
+    """
+
+    name: ClassVar[str] = "linear"
+    use: ClassVar[str] = "particles: exact"
+    order: ClassVar[int | None] = None
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type] = Particles
+    per_loop: ClassVar[int] = 64
+    per_kernel: ClassVar[int] = 8
+
+    def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+        return h * inertia.velocity(momentum), jnp.zeros_like(momentum), True

@@ -1,23 +1,14 @@
 """`ExactFlight`, the base class of the exact flights of rigid bodies, with derivatives in closed form.
 
-A change of the arguments of a flight changes its increment Q to (1 + [chi]) Q, with [chi] x = chi x x.
-
-The derivative of the rotation follows in closed form from the derivative of the momentum. In a time h a free body
-rotates by Q, and its momentum in the body frame changes from Pi to Q^T Pi. Let c = 1/I, (l, m, n) cyclic, a_l = c_n -
-c_m, so that Pi_l' = a_l Pi_m Pi_n, and let a small change of c, h and Pi change Q to (1 + [chi]) Q. The momentum in
-space does not change during the motion, so
+In a time h a free body rotates by Q, and its momentum in the body frame changes from Pi to Q^T Pi. A small change of h,
+Pi and c = 1/I changes Q to (1 + [chi]) Q, with [chi] x = chi x x. With (l, m, n) cyclic, a_l = c_n - c_m, so that
+Pi_l' = a_l Pi_m Pi_n, the constant spatial momentum and the constant energy give (`docs/reports/exact-flight.md`)
 
     chi x Pi = -z,    z = (Q - 1) dPi + Q d(Q^T Pi - Pi)
-
-Only the component of chi along Pi is missing. In the body frame, eta = Q^T chi grows by eta' = dOmega + eta x Omega,
-so (Pi . eta)' = Pi . dOmega = Omega . dPi + sum Pi_l^2 dc_l. The energy is constant, therefore Omega . dPi differs from
-its initial value by sum (Pi_l(0)^2 - Pi_l^2) dc_l / 2; and the derivative of Pi_l^2 is 2 a_l Pi_1 Pi_2 Pi_3:
-
     Pi . chi = h Omega . dPi + Omega . Pi dh + sum (h Pi_l^2 + a_l L) dc_l,    L = int_0^h (h - t) Pi_1 Pi_2 Pi_3 dt
 
 The `lag` L is of second order in h. The derivative of the angle about the momentum, the most expensive part of a
-flight, is never needed. This derivation was made for this package; the tests compare it with derivatives of the
-formulas of the flight and with 50-digit references.
+flight, is never needed.
 """
 
 from abc import abstractmethod
@@ -28,11 +19,10 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.custom_derivatives import SymbolicZero
 
 from ..._math import components as cp
 from ..._xla.fusion import fuse_derivative, split
-from ...model.bodies import RigidBody
+from ..._xla.internals import are_zero, with_zeros
 from ...model.inertia import Inertia
 from ...model.kind import Kind
 from .base import JudgedFlight
@@ -42,11 +32,9 @@ _NO_TURN = {"float64": 1e-280, "float32": 1e-28}
 
 
 class Changes(NamedTuple):
-    """Tangents of the arguments of a flight, each None if it does not change; `spins` of the inverse moments in units
-    of the largest moment.
-    """
+    """Tangents of the arguments of a flight, each None if it does not change."""
 
-    spins: cp.Vector | None
+    spins: cp.Vector | None  # of the inverse moments, in units of the largest moment
     h: Array | None
     momentum: cp.Vector
 
@@ -54,22 +42,14 @@ class Changes(NamedTuple):
     def of(cls, inertia: Inertia, inertia_tangent: Any, h: Any, momentum: Any) -> "Changes":
         """The changes; tangents may be symbolic zeros. Only the inverse moments of `Inertia` count."""
         inverses, spins = inertia_tangent.inverses, None
-        if not all(map(is_zero, inverses)):
+        if not are_zero(inverses):
             spins = cp.scale(cp.largest(inertia.moments), with_zeros(inverses, inertia.inverses))
-        return cls(spins, None if is_zero(h) else h, with_zeros(momentum, inertia.inverses))
+        return cls(spins, None if are_zero(h) else h, with_zeros(momentum, inertia.inverses))
 
     def gaps(self) -> cp.Vector:
         assert self.spins is not None
         x, y, z = self.spins
         return z - y, x - z, y - x
-
-
-def is_zero(tangent: Any) -> bool:
-    return isinstance(tangent, SymbolicZero)
-
-
-def with_zeros(tangents: Any, primals: Any) -> Any:
-    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if is_zero(t) else t, tangents, primals, is_leaf=is_zero)
 
 
 def turn_of(
@@ -81,11 +61,10 @@ def turn_of(
     momentum_change: cp.Vector,
     lag: Array | None,
 ) -> cp.Vector:
-    """The chi of a change of the arguments of a flight, from its rotation and the tangent of the change of the
-    momentum.
+    """The chi of a change of the arguments of a flight.
 
-    `lag` is the L of the module docstring, for momenta in units of the largest moment; needed if the inverse moments
-    change.
+    `momentum_change` is the tangent of the change of the momentum. `lag` is L for momenta in units of the largest
+    moment; needed if the inverse moments change.
     """
     # With the momentum in units of an angle, nothing overflows or underflows in any user units.
     y = inertia.travel(h, momentum)
@@ -116,29 +95,25 @@ T = TypeVar("T")
 
 
 class Flown(NamedTuple):
-    """The results of a formula: the rotation of the body, the change of the momentum, and further numbers for the
-    tangent, which are the same for a flight and for its reverse, or ().
-    """
+    """The rotation of the body and the change of its momentum."""
 
     increment: cp.Quaternion
     change: cp.Vector
-    parts: Any = ()
+    parts: Any = ()  # further numbers for the tangent, which are the same for a flight and for its reverse
 
 
 class Known(NamedTuple):
-    """The known parts of a flight whose derivative alone is needed: its increment and parts, and the pose after it."""
+    """The known parts of a flight whose derivative alone is needed."""
 
     increment: cp.Quaternion
     parts: Any
-    pose: Any
+    pose: Any  # after the flight
 
 
 class ExactFlight(JudgedFlight):
     """An exact flight, whose formulas are not differentiated."""
 
     order: ClassVar[int | None] = None
-    symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
     long_derivative: ClassVar[bool] = False
 
     @abstractmethod
@@ -161,19 +136,6 @@ class ExactFlight(JudgedFlight):
 
     def fly(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         return _fly(self, inertia, h, momentum, None)
-
-    def carry(
-        self,
-        kind: Kind,
-        inertia: Inertia,
-        h: Array,
-        momentum: cp.Vector,
-        pose: Any,
-        no_step: Array,
-        known: Known | None = None,
-    ) -> tuple[Flown, Any]:
-        """`fly`, and the pose after it by `kind.act`, which have a shorter derivative together than separately."""
-        return _carry(self, kind, inertia, h, momentum, known, pose, no_step)
 
 
 def _boundary(flight: ExactFlight) -> Callable[[T], T]:
@@ -198,20 +160,16 @@ def _flown_tangent(flight: ExactFlight, primals: Any, tangents: Any, flown: Flow
     inertia, h, momentum = primals[:3]
     change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
     change, chi = fuse_derivative((change, chi))
-    return Flown(_turned(chi, flown.increment), change, parts), chi
+    (a, b, c), (w, x, y, z) = cp.scale(0.5, chi), flown.increment  # the tangent is (0, chi/2) times the increment
+    increment = -a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x
+    return Flown(increment, change, parts), chi
 
 
 _fly.defjvp(_tangent, symbolic_zeros=True)
 
 
-def _turned(chi: cp.Vector, increment: cp.Quaternion) -> cp.Quaternion:
-    """The tangent of the increment, (0, chi/2) times the increment."""
-    (a, b, c), (w, x, y, z) = cp.scale(0.5, chi), increment
-    return -a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x
-
-
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _carry(
+def carry(
     flight: ExactFlight,
     kind: Kind,
     inertia: Inertia,
@@ -221,6 +179,7 @@ def _carry(
     pose: Any,
     no_step: Array,
 ) -> tuple[Flown, Any]:
+    """`fly`, and the pose after it by `kind.act`, which have a shorter derivative together than separately."""
     flown = _fly(flight, inertia, h, momentum, known)
     return flown, kind.act(pose, flown.increment, no_step) if known is None else known.pose
 
@@ -228,11 +187,11 @@ def _carry(
 def _carry_tangent(flight: ExactFlight, kind: Kind, primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The tangent of `carry`: the initial pose rotates by chi and by its own change, and the flight carries both."""
     *_, pose, no_step = primals
-    flown, end = _boundary(flight)(_carry(flight, kind, *primals))
+    flown, end = _boundary(flight)(carry(flight, kind, *primals))
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
     _, end_dot = jax.jvp(lambda pose: kind.act(pose, flown.increment, no_step), (pose,), (both,))
     return (flown, end), (flown_dot, end_dot)
 
 
-_carry.defjvp(_carry_tangent, symbolic_zeros=True)
+carry.defjvp(_carry_tangent, symbolic_zeros=True)

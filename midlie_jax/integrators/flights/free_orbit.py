@@ -1,4 +1,4 @@
-"""`Orbit`: the motion of one free body in closed form, for `free_motion`.
+"""`Orbit`, the motion of one free body in closed form, for `free_motion`, and `Circle`, the motion of a free axis.
 
 The momentum of a free body circles one of the body axes. With right-handed axes labelled so that the momentum circles
 the third, on its positive side, and the second is the axis of the middle moment (`Labels`),
@@ -6,10 +6,10 @@ the third, on its positive side, and the second is the axis of the middle moment
     Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
 
-where `angle` is the angle of the first axis about the spatial momentum. JACOBI's flight gives both exactly for a short
-time after u = 0, and `_math.elliptic` doubles this time as often as needed. Addition theorems then give the angle and
-the momentum for the same time after the start u0; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn /
-sqrt(below w1), `sign` the sign of I3 - I1, and the momentum p at the start,
+where `angle` is the angle of the first axis about the spatial momentum. JACOBI's flight gives both for a short time
+after u = 0, and `_math.elliptic` doubles this time as often as needed. Addition theorems then give both for the same
+time after the start u0; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below w1), `sign` the sign
+of I3 - I1, and the momentum p at the start,
 
     D Pi_1 = (p1 r - w1 s p2 p3)/dn,    D Pi_2 = p2 r + w2 s p1 p3/dn^2,    D Pi_3 = (p3 - w3 s p1 p2 r)/dn,
     D = 1 + p1^2 w2 w3 (s/dn)^2
@@ -34,25 +34,21 @@ from ..._math.elliptic import Complex, Modulus, Point, half_angle_of, normalised
 from ..._math.powers import exponent, power, unit
 from ..._math.weierstrass import sigma_functions
 from ..._xla.fusion import begin, fuse
-from ..._xla.repeat import repeat
+from ..._xla.rows import repeat
 from ...model.bodies import RigidBody
-from ...model.inertia import Inertia
+from ...model.inertia import Inertia, RotorInertia
+from ...model.states.unit_vector import Swing
 from .jacobi import LARGEST_TURN, Invariants, Jacobi
+from .symmetric import Numbering
 
 
 class Labels(NamedTuple):
-    """The permutation from body axes to labelled axes.
+    """The permutation from body axes to labelled axes."""
 
-    Attributes:
-        forward, backward: whether the axes of the body are counted from the next or from the previous axis.
-        exchanged: whether the first and the third axis are then exchanged.
-        side: the sign of the third axis; the momentum is on its positive side.
-    """
-
-    forward: Array
-    backward: Array
-    exchanged: Array
-    side: Array
+    forward: Array  # whether the axes of the body are counted from the next axis
+    backward: Array  # or from the previous axis
+    exchanged: Array  # whether the first and the third axis are then exchanged
+    side: Array  # the sign of the third axis; the momentum is on its positive side
 
     @classmethod
     def of(cls, middle: cp.Vector, weights: cp.Vector, momentum: cp.Vector) -> "Labels":
@@ -68,15 +64,15 @@ class Labels(NamedTuple):
 
     def placed(self, v: cp.Vector) -> cp.Vector:
         """Numbers given for each axis of the body, rearranged for the labelled axes."""
-        return self._exchange(_rolled(self.forward, self.backward, v))
+        return self._exchange(Numbering(self.forward, self.backward).renumbered(v))
 
     def seen(self, v: cp.Vector) -> cp.Vector:
-        """Components along the labelled axes, from components along the body axes."""
+        """Components along the labelled axes."""
         return self._signed(self.placed(v))
 
     def back(self, v: cp.Vector) -> cp.Vector:
-        """Components along the body axes, from components along the labelled axes."""
-        return _rolled(self.backward, self.forward, self._exchange(self._signed(v)))
+        """Components along the body axes."""
+        return Numbering(self.backward, self.forward).renumbered(self._exchange(self._signed(v)))
 
     def _exchange(self, v: cp.Vector) -> cp.Vector:
         return jnp.where(self.exchanged, v[2], v[0]), v[1], jnp.where(self.exchanged, v[0], v[2])
@@ -85,51 +81,27 @@ class Labels(NamedTuple):
         return v[0], jnp.where(self.exchanged, -self.side, self.side) * v[1], self.side * v[2]
 
 
-def _rolled(forward: Array, backward: Array, v: cp.Vector) -> cp.Vector:
-    x, y, z = v
-    return (
-        jnp.where(forward, y, jnp.where(backward, z, x)),
-        jnp.where(forward, z, jnp.where(backward, x, y)),
-        jnp.where(forward, x, jnp.where(backward, y, z)),
-    )
-
-
 _TURN = 1.1  # the largest rotation of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
 _DOUBLINGS = {"float64": 52, "float32": 23}  # after more doublings, no digit of the phase is left
 _LARGEST_LEVER = 64.0  # the largest magnification of rounding errors in the attitude
 
 
 class Orbit(NamedTuple):
-    """The motion of one free body on labelled axes, in units in which moments and momentum are near 1.
-
-    Attributes:
-        labels: the labelled axes.
-        inertia: for the body axes.
-        size: the unit of momentum; zero for a body at rest.
-        per_time: the factor that converts a time to the units of the motion.
-        momentum: p, at the start.
-        amplitudes: A1 and A3.
-        pulls: w_l sign / sqrt(below w1).
-        levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle since the start.
-        modulus: the modulus of the elliptic functions.
-        rate: the rate of change of u.
-        n, root: as in `_math.elliptic`; the angle grows with the sign of `root`.
-        omega: a bound of the angular velocity.
-    """
+    """The motion of one free body on labelled axes, in units in which moments and momentum are near 1."""
 
     labels: Labels
-    inertia: Inertia
-    size: Array
-    per_time: Array
-    momentum: cp.Vector
-    amplitudes: tuple[Array, Array]
-    pulls: cp.Vector
-    levers: tuple[Array, Array]
-    modulus: Modulus
-    rate: Array
-    n: Array
-    root: Array
-    omega: Array
+    inertia: Inertia  # for the body axes
+    size: Array  # the unit of momentum; zero for a body at rest
+    per_time: Array  # the factor that converts a time to the units of the motion
+    momentum: cp.Vector  # p, at the start
+    amplitudes: tuple[Array, Array]  # A1 and A3
+    pulls: cp.Vector  # w_l sign / sqrt(below w1)
+    levers: tuple[Array, Array]  # n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle since the start
+    modulus: Modulus  # of the elliptic functions
+    rate: Array  # of u
+    n: Array  # as in `_math.elliptic`
+    root: Array  # likewise; the angle grows with its sign
+    omega: Array  # a bound of the angular velocity
 
     @classmethod
     def of(cls, moments: Array, momentum: cp.Vector) -> "Orbit":
@@ -147,7 +119,9 @@ class Orbit(NamedTuple):
         labels = Labels.of(inertia.middle, weights, direction)
         p1, p2, p3 = p = labels.seen(direction)
         i1, _, i3 = labels.placed((a, b, c))
-        (w1, w2, w3), (v1, v2, _) = labels.placed(weights), labels.placed(_inverse_roots(weights))
+        w1, w2, w3 = labels.placed(weights)
+        v1, v2, v3 = map(_inverse_root, weights)
+        v1, v2, _ = labels.placed((v1, v2, v3))
         sign = jnp.where(i3 < i1, -one, one)
 
         above, below = p1 * p1 * w2 + p2 * p2 * w1, p2 * p2 * w3 + p3 * p3 * w2
@@ -160,14 +134,14 @@ class Orbit(NamedTuple):
         modulus = Modulus(m, jnp.where(m1 < smallest_complement(m1), zero, m1))
         rate = (below * per_below) * (w1 * v1) * cp.reciprocal(a * b * c)
 
-        a3 = jnp.where(ball, _root(cp.dot(p, p)), below * per_below * v2)
+        a3 = jnp.where(ball, cp.fast_root(cp.dot(p, p)), below * per_below * v2)
         amplitudes = above * per_above * v2, a3
         pulls = cp.scale(sign * v1 * per_below, (w1, w2, w3))
         slope = (1 + n) * w2
         slope = sign * slope * _inverse_root(slope)
         root, levers = n * v1 * slope, (w2 * per_below * per_below, w1 * v1 * slope * per_below * per_below)
         energy = cp.dot(inertia.spins, cp.times(direction, direction)) * cp.largest(inertia.spins)
-        omega = _root(energy) * inertia.per_unit
+        omega = cp.fast_root(energy) * inertia.per_unit
         per_time = size * per_unit
         return cls(labels, inertia, size, per_time, p, amplitudes, pulls, levers, modulus, rate, n, root, omega)
 
@@ -213,7 +187,7 @@ class Orbit(NamedTuple):
         s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
         v = w - invariants.wp * s * s
         d1, _, d3 = self.labels.placed(invariants.differences)
-        point = self.modulus.point(self.rate * h * s, _root(v + d3 * s * s))
+        point = self.modulus.point(self.rate * h * s, cp.fast_root(v + d3 * s * s))
         ok = (cp.largest(invariants.differences) <= LARGEST_TURN**2) & (v + d1 * s * s > 0)
         if not turns:
             return point, None, ok
@@ -234,31 +208,43 @@ def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Comple
     return twice, normalised(product(product(half_angle, half_angle), more))
 
 
-def _root(x: Array) -> Array:
-    return x * cp.inverse_root(x)
-
-
 def _inverse_root(x: Array) -> Array:
     """1 / sqrt(x); zero where x is zero or too small to be exact."""
     zero = x < smallest_complement(x)
     return jnp.where(zero, jnp.zeros_like(x), cp.inverse_root(jnp.where(zero, jnp.ones_like(x), x)))
 
 
-def _inverse_roots(v: cp.Vector) -> cp.Vector:
-    return _inverse_root(v[0]), _inverse_root(v[1]), _inverse_root(v[2])
-
-
 def _to_third(p: cp.Vector) -> cp.Quaternion:
     """A multiple of the rotation that takes p to axis 3 and leaves axis 1 in the plane of axes 1 and 3.
 
     It is a rotation about the first axis followed by one about the second, each by at most pi/2, because p[2] is not
-    negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and the sine of half
-    the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
+    negative. For the length r of (c, s), (r + c, s) is a positive multiple of cosine and sine of half its angle.
     """
-    across = _root(p[1] * p[1] + p[2] * p[2])
-    length = _root(cp.dot(p, p))
-    # If p is along the first axis, any rotation about this axis is valid; only a ball, or a body with too long a lever,
-    # has such a p.
+    across = cp.fast_root(p[1] * p[1] + p[2] * p[2])
+    length = cp.fast_root(cp.dot(p, p))
+    # If p is along the first axis, as of a ball or with too long a lever, any rotation about this axis is valid.
     along = jnp.where(across <= cp.epsilon(across) * length, jnp.ones_like(across), across + p[2])
     lift = length + across
     return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]
+
+
+class Circle(NamedTuple):
+    """The motion of a free axis: one rotation, about the unit vector along pi (zero at rest), at the rate |pi| / I1."""
+
+    momentum: cp.Vector
+    about: cp.Vector
+    rate: Array
+
+    @classmethod
+    def of(cls, inertia: RotorInertia, momentum: cp.Vector) -> "Circle":
+        size = cp.norm(momentum)
+        still = size == 0
+        per_size = jnp.where(still, jnp.zeros_like(size), 1 / jnp.where(still, jnp.ones_like(size), size))
+        return cls(momentum, cp.scale(per_size, momentum), inertia.inverse * size)
+
+    def at(self, t: Array, turns: bool) -> tuple[cp.Vector, Swing, Array]:
+        """The momentum, the rotation in the time t, and whether rounding leaves digits of its angle."""
+        half = self.rate * t / 2
+        sine, one = jnp.sin(half), jnp.ones_like(half)
+        swing = Swing(self.about, one, 2 * sine * jnp.cos(half), 2 * sine * sine)
+        return self.momentum, swing, abs(half) * cp.epsilon(half) < 0.1

@@ -1,16 +1,8 @@
 """The exact flight of any body in closed form: Jacobi's solution by addition theorems.
 
-The components of the momentum are elliptic functions of time. By their addition theorems, the components after a step
-are rational in the components before the step and in functions of the step alone. No inverse elliptic function is
-needed. The angle about the spatial momentum is an elliptic integral of the third kind. Its addition theorem leaves a
-function of the step and the argument of a complex number that is rational as well. The formulas need no sorting of the
-moments and have no special case at the separatrix or for equal moments. They use only three short sums in the
-invariants of the step (`_math.weierstrass`), a few roots and a reciprocal, but no period and no arithmetic-geometric
-mean.
-
-For a unit of time, with (l, m, n) cyclic, a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle
-moment, (i, j, k) cyclic, K = a_k Pi_j^2 - a_j Pi_k^2, and Weierstrass's function wp whose
-roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
+`docs/reports/exact-flight.md` derives the formulas and names their sources. For a unit of time, with (l, m, n) cyclic,
+a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle moment, (i, j, k) cyclic, K = a_k Pi_j^2 -
+a_j Pi_k^2, and Weierstrass's function wp whose roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
 
     wp(v) = e_i + a_j a_k |Pi|^2,    wp(v) - e_j = -a_k K,    wp(v) - e_k = a_j K
     S = sigma(1),    E_l^2 = S^2 (wp(1) - e_l),    V = S^2 (wp(1) - wp(v))
@@ -20,28 +12,18 @@ roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
     M = D |Pi|^2 + Pi . N,    |Z|^2 = V M^2
 
 The rotation of the body is the shortest rotation between the two momenta, combined with a rotation about Pi by the
-angle above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain one only in a
-common factor. The normalisation of the quaternion removes it.
+angle above.
 
-The angle of the body about its momentum takes most of the run time, and the momentum does not need it: Pi_l(1) = N_l /
-D is rational. Subtracting Pi_l(0) from this quotient would leave the rounding errors of Pi, which have a bias, and the
-length of the momentum would drift. The change is therefore computed from the momentum X at the middle of the flight.
-With S, E_l and D for half the flight,
+The momentum alone does not need this angle, which takes most of the run time. Subtracting Pi_l(0) from N_l / D would
+leave the rounding errors of Pi, which have a bias, and the length of the momentum would drift. The change is therefore
+computed from the momentum X at the middle of the flight. With S, E_l and D for half the flight,
 
     N_l = Pi_l E_m E_n + a_l S Pi_m Pi_n E_l,    X_l = N_l / D(Pi)
     Pi_l(1) - Pi_l(0) = 2 a_l S X_m X_n E_l / D(X),    Pi_l(1) + Pi_l(0) = 2 X_l E_m E_n / D(X)
 
 The change is a product, so its rounding errors are proportional to it. It is orthogonal to the sum because a_1 + a_2 +
-a_3 = 0, which conserves |Pi|; the energy is conserved in the same way. Half a flight also needs fewer terms of the
-series.
-
-No root is needed: T = E_1 E_2 E_3 has its own series, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as T^2 D(X)
-contain only T and the squares of E_l.
-
-C. G. J. Jacobi, J. reine angew. Math. 39 (1850) 293; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145;
-E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084. These papers evaluate the
-elliptic functions anew at each time. The rational step was derived for this package; the tests compare it with
-a closed form in many digits.
+a_3 = 0, which conserves |Pi|; the energy is conserved in the same way. No root is needed: T = E_1 E_2 E_3 has its own
+series, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as T^2 D(X) contain only T and the squares of E_l.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -68,22 +50,16 @@ class Invariants(NamedTuple):
     """Constants of the motion of a body with momentum y, in the notation of the module docstring.
 
     Choosing i as the axis of the middle moment keeps the invariants of any real body below |Omega|^2.
-
-    Attributes:
-        k: component j is a_k, component k is -a_j, component i is 0.
-        a_jk: a_j a_k.
-        squares, total: the squares of the components of y, and their sum.
-        K: a_k y_j^2 - a_j y_k^2, zero on the separatrix.
-        differences: wp(v) - e_l.
-        wp, g2, g3: wp(v) and the invariants of Weierstrass's function.
     """
 
-    k: cp.Vector
-    a_jk: Array
+    k: cp.Vector  # component j is a_k, component k is -a_j, component i is 0
+    a_jk: Array  # a_j a_k
+    # the squares of the components of y, and their sum
     squares: cp.Vector
     total: Array
-    K: Array
-    differences: cp.Vector
+    K: Array  # a_k y_j^2 - a_j y_k^2, zero on the separatrix
+    differences: cp.Vector  # wp(v) - e_l
+    # wp(v) and the invariants of Weierstrass's function
     wp: Array
     g2: Array
     g3: Array
@@ -104,35 +80,23 @@ class Invariants(NamedTuple):
 
 
 class HalfWay(NamedTuple):
-    """The momentum at the middle of a flight, and the functions of half the flight.
+    """The momentum at the middle of a flight, and the functions of half the flight."""
 
-    Attributes:
-        y: the momentum at the start, in units in which half the flight takes a unit of time.
-        invariants: the invariants of the motion, in these units.
-        s, t: S and T = E_1 E_2 E_3.
-        v: V.
-        d: D at the start.
-        momentum: E_l N_l, in units of the momentum.
-        moved: `momentum` in units of y.
-        squares, pairs: E_l^2, and T^2 / E_l^2.
-        others: (T D X_l)^2.
-        weight: a_j a_k S^2.
-        below: T^2 D^2 D(X).
-    """
-
-    y: cp.Vector
-    invariants: Invariants
+    y: cp.Vector  # the momentum at the start, in units in which half the flight takes a unit of time
+    invariants: Invariants  # of the motion, in these units
+    # s, t: S and T = E_1 E_2 E_3
     s: Array
     t: Array
-    v: Array
-    d: Array
-    momentum: cp.Vector
-    moved: cp.Vector
+    v: Array  # V
+    d: Array  # D at the start
+    momentum: cp.Vector  # E_l N_l, in units of the momentum
+    moved: cp.Vector  # `momentum` in units of y
+    # squares, pairs: E_l^2, and T^2 / E_l^2
     squares: cp.Vector
     pairs: cp.Vector
-    others: cp.Vector
-    weight: Array
-    below: Array
+    others: cp.Vector  # (T D X_l)^2
+    weight: Array  # a_j a_k S^2
+    below: Array  # T^2 D^2 D(X)
 
     @classmethod
     def of(cls, inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> "HalfWay":
@@ -145,7 +109,7 @@ class HalfWay(NamedTuple):
         weight = found.a_jk * s_squared
         d = v + weight * (found.total - cp.dot(inertia.middle, found.squares))
         squares = cp.add((v, v, v), cp.scale(s_squared, found.differences))
-        pairs = (squares[1] * squares[2], squares[2] * squares[0], squares[0] * squares[1])
+        pairs = cp.others(squares)
         crossed = (y[1] * momentum[2], y[2] * momentum[0], y[0] * momentum[1])
         pulls = cp.times(inertia.gaps, squares)
         half_way = cp.add(cp.scale(t, momentum), cp.scale(s, cp.times(pulls, crossed)))
@@ -158,7 +122,7 @@ class HalfWay(NamedTuple):
 def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
     """The change of the momentum in a flight of time h, and the invariants of half the flight.
 
-    It is exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
+    Exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
     """
     half = fuse_second_derivative(HalfWay.of(inertia, h, momentum, radius))
     pulls = cp.times(inertia.gaps, half.squares)
@@ -201,11 +165,9 @@ def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array
 def _error_of_length(y: cp.Vector, total: Array, change: cp.Vector) -> Array:
     """The relative error in the length of a change, which would make |y| drift; total is |y|^2.
 
-    In all steps of a free body the functions of the step are the same, and so are their rounding errors: if these make
-    the change too long, |Pi| and the energy grow steadily. A change d conserves |y| if y . d + |d|^2 / 2 = 0. This
-    equation determines the length of d well only if d is long, and only then does an error of the length matter. The
-    weights therefore leave a short change unchanged. The error is some units in the last place, so five digits of it
-    suffice.
+    In all steps of a free body the rounding errors of the functions of the step are the same, so |Pi| and the energy
+    would grow steadily. A change d conserves |y| if y . d + |d|^2 / 2 = 0. This determines the length of d well only if
+    d is long, and only then does its error matter; the weights leave a short change unchanged. Five digits suffice.
     """
     square = 0.5 * cp.dot(change, change)
     return (cp.dot(y, change) + square) * cp.rough_reciprocal(square + (_SHORT * total + _NO_TURN))
@@ -225,9 +187,8 @@ class Jacobi(ExactFlight):
     such a body, `ok` is also False if an invariant exceeds this bound.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
         >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
-        >>> turn, change, ok = ml.flights.Jacobi()(inertia, jnp.array(0.1), momentum)
+        >>> turn, change, ok = ml.flights.Jacobi()(inertia, jnp.array(0.1), momentum)  # vectors are tuples of scalars
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
         >>> ml.method(ml.flights.Jacobi(), "SRKN6b").name  # the name for ml.integrate
@@ -253,16 +214,15 @@ class Jacobi(ExactFlight):
         # rounding.
         at_rest = cp.dot(turn, turn) <= cp.epsilon(h)
         change = cp.times(spins, cp.cross(y, turn))
-        series = half_turn(_select(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
-        closed_form = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
+        series = half_turn(cp.where(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
+        closed_form = _turn(inertia, spins, cp.where(at_rest, cp.times(inertia.middle, inertia.relative), y))
         series = cp.square(series)
-        increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
+        increment = (jnp.where(at_rest, series[0], closed_form[0]), *cp.where(at_rest, series[1:], closed_form[1:]))
         return Flown(increment, cp.rotation_change(cp.conjugate(increment), momentum))
 
     def tangent(
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Any]:
-        """The tangent of the rational function, by differentiation; chi follows from it (`turn_of`)."""
         varying: dict[str, Any] = {"momentum": (momentum, changes.momentum)}
         if changes.h is not None:
             varying["h"] = h, changes.h
@@ -279,7 +239,6 @@ class Jacobi(ExactFlight):
         return tangent, turn_of(inertia, h, momentum, flown.increment, changes, tangent, integral), ()
 
     def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
-        """The change of the momentum as a rational function, without the angle of the body about the momentum."""
         change, half = momentum_change(inertia, h, momentum, LARGEST_TURN)
         turn = cp.times(inertia.spins, inertia.travel(h, momentum))
         # The invariants of half a flight are a quarter of the invariants of the flight.
@@ -294,23 +253,20 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
     s, w, odd = step_functions(wp, g2, g3, LARGEST_TURN)
 
     v = w - wp * s * s
-    e = (
-        _square_root(v + differences[0] * s * s),
-        _square_root(v + differences[1] * s * s),
-        _square_root(v + differences[2] * s * s),
-    )
+    e1, e2, e3 = (cp.fast_root(v + difference * s * s) for difference in differences)
+    e = e1, e2, e3
     d = v + a_jk * s * s * (total - cp.dot(middle, squares))
     products = (y[1] * y[2] * e[0], y[2] * y[0] * e[1], y[0] * y[1] * e[2])
-    n = cp.add(cp.times(y, (e[1] * e[2], e[2] * e[0], e[0] * e[1])), cp.scale(s, cp.times(a, products)))
+    n = cp.add(cp.times(y, cp.others(e)), cp.scale(s, cp.times(a, products)))
 
     # F as in the module docstring; Z and M divided by |y|^2.
     per_total = cp.reciprocal(total)
     along = cp.scale(per_total, cp.times(y, n))
     M = d + along[0] + along[1] + along[2]
     imaginary = -2 * a_jk * K * odd
-    F = _square_root(v - total * imaginary * imaginary), imaginary
+    F = cp.fast_root(v - total * imaginary * imaginary), imaginary
     Z = (
-        d * (e[0] + e[1] + e[2]) + cp.dot(along, e) - M * cp.dot(middle, e),
+        d * (e1 + e2 + e3) + cp.dot(along, e) - M * cp.dot(middle, e),
         s * (per_total * K * d + cp.dot(k, along)),
     )
     real, imaginary = _complex_product(F, Z, total)
@@ -328,20 +284,12 @@ def _across(a: cp.Vector, y: cp.Vector, differences: cp.Vector, e: cp.Vector, s:
     roots, E_n - E_m is computed from E_n^2 - E_m^2: S^2 times the difference of two entries of `differences`.
     """
     sums = (e[1] + e[2], e[2] + e[0], e[0] + e[1])
-    others = (sums[1] * sums[2], sums[2] * sums[0], sums[0] * sums[1])
+    others = cp.others(sums)
     share = s * s * cp.reciprocal(sums[0] * others[0])
-    change = cp.times(
-        cp.scale(share, others),
-        cp.subtract((differences[2], differences[0], differences[1]), (differences[1], differences[2], differences[0])),
-    )
-    first = cp.times((y[1] * y[2], y[2] * y[0], y[0] * y[1]), cp.times(e, change))
-    pull = cp.times(a, e)
-    square = cp.times(y, y)
-    turn = (
-        pull[1] * square[2] - pull[2] * square[1],
-        pull[2] * square[0] - pull[0] * square[2],
-        pull[0] * square[1] - pull[1] * square[0],
-    )
+    d1, d2, d3 = differences
+    change = cp.times(cp.scale(share, others), cp.subtract((d3, d1, d2), (d2, d3, d1)))
+    first = cp.times(cp.others(y), cp.times(e, change))
+    turn = cp.cross(cp.times(a, e), cp.times(y, y))
     return cp.add(first, cp.scale(s, cp.times(y, turn)))
 
 
@@ -354,11 +302,3 @@ def _half_phase(rate: Array, total: Array) -> Complex:
 
 def _complex_product(a: Complex, b: Complex, total: Array) -> Complex:
     return a[0] * b[0] - total * a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-
-
-def _select(choice: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
-    return jnp.where(choice, a[0], b[0]), jnp.where(choice, a[1], b[1]), jnp.where(choice, a[2], b[2])
-
-
-def _square_root(x: Array) -> Array:
-    return x * cp.inverse_root(x)

@@ -2,8 +2,8 @@
 
     I Psi = h exp(-Psi/2) Pi0,    R1 = R0 exp(Psi),    Pi1 = exp(-Psi) Pi0
 
-The flight is of order 2, reversible, and conserves the spatial momentum exactly. It is not symplectic, although the
-literature often claims so: the symplectic defect of a step is of third order in h (see `tests/test_flights.py`).
+The flight is of order 2, reversible, and conserves the spatial momentum exactly. It is not symplectic: the symplectic
+defect of a step is of third order in h (`docs/reports/exact-flight.md`).
 
 The unknown of the solve is u = tan(|Psi|/4) n, the Rodrigues vector of half the rotation, Psi/2, about the axis n. With
 exp(-Psi/2) = (1 + [u])^-1 (1 - [u]), the equation is rational in u except for one arctangent:
@@ -20,7 +20,6 @@ from jax import Array
 from ..._math import components as cp
 from ..._math.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
 from ..._xla.fusion import split
-from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
 from ..verdict import verdict
 from .base import JudgedFlight
@@ -40,9 +39,6 @@ class LieMidpoint(JudgedFlight):
     the start exceeds 12 radians.
 
     Examples:
-        >>> turn, change, ok = ml.flights.LieMidpoint()(inertia, jnp.array(0.1), momentum)
-        >>> jnp.stack(turn).round(4), bool(ok)
-        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
         >>> ml.method(ml.flights.LieMidpoint(), "EA").name
         'LIEMID[EA]'
     """
@@ -52,7 +48,6 @@ class LieMidpoint(JudgedFlight):
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = False
     solves: ClassVar[int] = 1
-    body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
     long_derivative: ClassVar[bool] = False
     reach: ClassVar[float] = LARGEST_TURN
@@ -76,12 +71,9 @@ def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) ->
 
 @_root.defjvp
 def _root_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u.
-
-    Both results of the solve are outputs of its loop; otherwise the loop of the step would solve again for `converged`.
-    """
+    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
     quadruple, y, *_ = primals
-    u, converged = split(_root(*primals))
+    u, converged = split(_root(*primals))  # both, or the loop of the step would solve again for `converged`
     x = cp.dot(u, u)
     g = arctangent(x, exact=True)
     inverse = cp.Inverse3.of(_columns(quadruple, y, u, g, arctangent_slope(x, exact=True)))
@@ -104,9 +96,8 @@ def _solve(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
 def _improve(
     quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, columns: cp.Columns, steps: int, exact: bool
 ) -> tuple[cp.Vector, Array]:
-    """The result of Newton steps with one fixed Jacobian, and whether they converged.
-
-    Each step reduces the residual by at least the factor of the previous step, which bounds the last residual.
+    """The result of Newton steps with one Jacobian, and whether they converged; each reduces the residual by at least
+    the factor of the one before, which bounds the last residual.
     """
     inverse = cp.Inverse3.of(columns, exact=False)
     previous = current = jnp.zeros_like(y[0])
@@ -128,12 +119,9 @@ def _columns(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, g: Array, slope: 
     """Columns of g (4 I + [u] 4 I - [v]) + 2 g' (v + u x v) u^T - [y], v = 4 I u."""
     v = cp.times(quadruple, u)
     along = cp.scale(2 * slope, cp.add(v, cp.cross(u, v)))
-    a, b, c = _plain_columns(cp.scale(g, quadruple), y, u)
-    return (
-        cp.add(a, cp.scale(u[0], along)),
-        cp.add(b, cp.scale(u[1], along)),
-        cp.add(c, cp.scale(u[2], along)),
-    )
+    plain = _plain_columns(cp.scale(g, quadruple), y, u)
+    a, b, c = (cp.add(column, cp.scale(part, along)) for column, part in zip(plain, u, strict=True))
+    return a, b, c
 
 
 def _plain_columns(k: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Columns:

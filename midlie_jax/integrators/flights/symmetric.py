@@ -2,11 +2,9 @@
 
 b = h (1/I3 - 1/I1) Pi3,    R1 = R0 exp(h Pi0/I1) exp(b e3),    Pi1 = exp(-b e3) Pi0
 
-Their derivatives allow moments that become unequal. The formulas hold for equal moments only, so the derivative with
-respect to the difference of the two moments follows by variation of constants. With inverse moments a + e, a - e, c the
-energy is the energy of the symmetric body plus e H1, H1 = (Pi1^2 - Pi2^2)/2. To first order in e, the motion is the
-flow of e K followed by the motion of the symmetric body, where K is the integral of H1 along the motion of the
-symmetric body:
+The derivative with respect to the difference of the two moments follows by variation of constants. With inverse moments
+a + e, a - e, c the motion is, to first order in e, the flow of e K followed by the motion of the symmetric body. K is
+the integral of (Pi1^2 - Pi2^2)/2 along the latter:
 
     K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    b = h (c - a) Pi3,    sinc(b) = sin(b)/b
 
@@ -15,7 +13,10 @@ body by Q = exp(v) exp(b e3), v = h a Pi, and its momentum by -b about axis 3. T
 
     chi = e grad K + dv + (1 - cos |v|)/|v|^2 v x dv + (|v| - sin |v|)/|v|^3 v x (v x dv) + db Q e3
 
-with the derivative of the exponential, and with exp(v) e3 = Q e3, because the second rotation does not change e3.
+The flight of an axis of symmetry (`AxisTurn`) needs neither a root nor I3. The axis e rotates about the spatial
+momentum pi, which is constant, at the rate |pi|/I1:
+
+    w = h pi / (2 I1),    e' = e + sin(2 |w|)/|w| w x e + (1 - cos(2 |w|))/|w|^2 w x (w x e)
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -27,13 +28,21 @@ import numpy as np
 from jax import Array
 
 from ..._math import components as cp
-from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle, stumpff
+from ..._math.short_series import (
+    WIDEST_SQUARE,
+    WIDEST_TURN,
+    cosine_and_sinc,
+    cosine_and_sinc_of_square,
+    half_angle,
+    stumpff,
+)
+from ..._xla.internals import are_zero, with_zeros
 from ...model.bodies import Body, SymmetricRotor
-from ...model.inertia import Inertia
+from ...model.inertia import Inertia, RotorInertia
+from ...model.states.unit_vector import Swing
 from ..verdict import verdict
-from .axis_turn import AxisTurn
-from .base import Flight
-from .exact import Changes, ExactFlight, Flown, is_zero, with_zeros
+from .base import Flight, JudgedFlight
+from .exact import Changes, ExactFlight, Flown
 
 
 class Functions(NamedTuple):
@@ -43,100 +52,26 @@ class Functions(NamedTuple):
     sinc: Array
     two: Array
 
-    def tangent(self, half: Array, square: Array, half_change: Array, square_change: Array) -> "Functions":
-        """The tangents, for tangents of half = b/2 and of square = |v|^2."""
-
-        def functions(half: Array, square: Array) -> Functions:
-            return Functions(*cosine_and_sinc(half), stumpff(square)[0])
-
-        return jax.jvp(functions, (half, square), (half_change, square_change))[1]
-
-
-class Turning(NamedTuple):
-    """The flight of a symmetric body; `spin` and `gap` are a and c - a, and `scaled` the momentum, in units of the
-    largest moment, and `angle` is b.
-    """
-
-    h: Array
-    spin: Array
-    gap: Array
-    per_unit: Array
-    momentum: cp.Vector
-    scaled: cp.Vector
-    angle: Array
-    functions: Functions
-
-    @classmethod
-    def of(
-        cls, h: Array, spin: Array, gap: Array, per_unit: Array, momentum: cp.Vector, functions: Functions
-    ) -> "Turning":
-        scaled = cp.scale(per_unit, momentum)
-        return cls(h, spin, gap, per_unit, momentum, scaled, h * (gap * scaled[2]), functions)
-
-    def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector, Functions]:
-        """The tangent of the change of the momentum, chi, and the tangents of the functions."""
-        start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
-        if changes.spins is not None:
-            a, b, _ = changes.spins
-            flow = cp.scale(0.5 * (a - b), self._gradient())
-            shift = cp.cross(self.momentum, flow)
-            start = cp.add(start, shift)
-        angle = self.h * self.gap * self.per_unit * start[2]
-        if changes.h is not None:
-            angle = angle + changes.h * (self.gap * along)
-        if changes.spins is not None:
-            a, b, c = changes.spins
-            angle = angle + (self.h * along) * (c - 0.5 * (a + b))
-        x, y, _ = self._turned(self.momentum)
-        u, v, w = self._turned(start)
-        change = u - start[0] + angle * y, v - start[1] - angle * x, w - start[2]
-        chi, functions = self._chi(changes, start, angle, increment)
-        if shift is None or flow is None:
-            return change, chi, functions
-        return cp.add(change, shift), cp.add(chi, flow), functions
-
-    def _chi(
-        self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion
-    ) -> tuple[cp.Vector, Functions]:
-        """The chi of the two rotations and the tangents of the functions, from the tangents of b and the momentum."""
-        turn = cp.scale(self.h * self.spin, self.scaled)
-        change = cp.scale(self.h * self.spin * self.per_unit, start)
-        rate = None if changes.h is None else changes.h * self.spin
-        if changes.spins is not None:
-            more = 0.5 * self.h * (changes.spins[0] + changes.spins[1])
-            rate = more if rate is None else rate + more
-        if rate is not None:
-            change = cp.add(change, cp.scale(rate, self.scaled))
-        square, growth = cp.dot(turn, turn), cp.dot(turn, change)
-        _, three, _, _ = stumpff(square)
-        across, along = cp.scale(self.functions.two, cp.cross(turn, change)), cp.scale(three * growth, turn)
-        third = cp.scale(angle, _third_axis(increment))
-        chi = cp.add(cp.add(cp.scale(1 - three * square, change), across), cp.add(along, third))
-        return chi, self.functions.tangent(self.angle / 2, square, angle / 2, 2 * growth)
-
-    def _turned(self, vector: cp.Vector) -> cp.Vector:
-        return cp.rotate_back_about(2, self.functions.cosine, self.angle / 2 * self.functions.sinc, vector)
-
-    def _whole_angle(self) -> tuple[Array, Array, Array]:
-        """sin(b)/b, (1 - cos b)/b^2 and (b - sin b)/b^3."""
-        _, three, _, _ = stumpff(self.angle * self.angle)
-        cosine, sinc, _ = self.functions
-        return cosine * sinc, 0.5 * sinc * sinc, three
-
-    def _gradient(self) -> cp.Vector:
-        x, y, _ = self.scaled
-        sinc, two, three = self._whole_angle()
-        u, v, _ = self._turned(self.scaled)  # z exp(-i b)
-        along = self.angle * (three - two) * (x * u - y * v) + sinc * (x * v + y * u)
-        return self.h * sinc * u, -self.h * sinc * v, 0.5 * self.h * self.h * self.gap * along
-
-
-def _third_axis(q: cp.Quaternion) -> cp.Vector:
-    w, x, y, z = q
-    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
-
 
 _EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and still count as equal
+
+
+class AxisTurn(JudgedFlight):
+    """The flight of a `SymmetricRotor` in SYMMETRIC[...]; its increment is a rotation in the space frame."""
+
+    name: ClassVar[str] = "SYMMETRIC"
+    order: ClassVar[int | None] = None
+    body: ClassVar[type[Body]] = SymmetricRotor
+    per_loop: ClassVar[int] = 8
+    per_kernel: ClassVar[int] = 8
+    long_derivative: ClassVar[bool] = False
+    reach: ClassVar[float] = WIDEST_TURN
+
+    def judged(self, inertia: RotorInertia, h: Array, momentum: cp.Vector) -> tuple[Swing, cp.Vector, Any]:
+        turn = cp.scale(h / 2 * inertia.inverse, momentum)
+        square = cp.dot(turn, turn)
+        still = jnp.zeros_like(square), jnp.zeros_like(square), jnp.zeros_like(square)
+        return Swing.of(turn, square, *cosine_and_sinc_of_square(square)), still, square * (1 / WIDEST_SQUARE)
 
 
 class Symmetric(ExactFlight):
@@ -150,13 +85,10 @@ class Symmetric(ExactFlight):
         axis: the index of the axis of symmetry, 0, 1 or 2; None to find the axis in every flight, at a small cost.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
         >>> top = ml.RigidBody([2.0, 2.0, 1.0])
         >>> turn, change, ok = ml.flights.Symmetric(axis=2)(top.inertia(), jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9974,  0.0243,  0.0208, -0.0649], dtype=float64), True)
-        >>> ml.method(ml.flights.Symmetric(axis=2), "EA").name
-        'SYMMETRIC[EA]'
     """
 
     axis: int | None = eqx.field(static=True, default=None)
@@ -192,13 +124,13 @@ class Symmetric(ExactFlight):
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
     def verdict(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
-        numbering = _Numbering.of(inertia.inverses, self.axis)
+        numbering = Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
         sizes = bounded(h, inverses[0], inverses[2], numbering.renumbered(momentum))
         return verdict(_equal(inverses[0], inverses[1]), *sizes)
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        numbering = _Numbering.of(inertia.inverses, self.axis)
+        numbering = Numbering.of(inertia.inverses, self.axis)
         a, _, c = numbering.renumbered(inertia.inverses)
         renumbered = numbering.renumbered(momentum)
         (w, *u), about_third, functions = symmetric_turn(h, a, c, renumbered)
@@ -209,19 +141,64 @@ class Symmetric(ExactFlight):
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Functions]:
         inertia = _first_derivatives_only(inertia)
-        numbering = _Numbering.of(inertia.inverses, self.axis)
+        numbering = Numbering.of(inertia.inverses, self.axis)
         spin, gap = numbering.renumbered(inertia.spins)[0], numbering.renumbered(inertia.gaps)[0]
-        flight = Turning.of(h, spin, gap, inertia.per_unit, numbering.renumbered(momentum), flown.parts)
-        renumbered = changes._replace(
-            spins=None if changes.spins is None else numbering.renumbered(changes.spins),
-            momentum=numbering.renumbered(changes.momentum),
+        momentum = numbering.renumbered(momentum)
+        cosine, sinc, two = flown.parts
+        scaled = cp.scale(inertia.per_unit, momentum)
+        b = h * (gap * scaled[2])
+        spins = None if changes.spins is None else numbering.renumbered(changes.spins)
+
+        def turned(vector: cp.Vector) -> cp.Vector:
+            return cp.rotate_back_about(2, cosine, b / 2 * sinc, vector)
+
+        start, shift, flow = numbering.renumbered(changes.momentum), None, None
+        w, *axis = flown.increment
+        increment = w, *numbering.renumbered((axis[0], axis[1], axis[2]))
+        if spins is not None:
+            (x, y, _), difference = scaled, 0.5 * (spins[0] - spins[1])
+            three = stumpff(b * b)[1]  # (b - sin b)/b^3
+            whole_sinc, half = cosine * sinc, 0.5 * sinc * sinc  # sin(b)/b and (1 - cos b)/b^2
+            u, v, _ = turned(scaled)  # z exp(-i b)
+            along = b * (three - half) * (x * u - y * v) + whole_sinc * (x * v + y * u)
+            gradient = h * whole_sinc * u, -h * whole_sinc * v, 0.5 * h * h * gap * along
+            flow = cp.scale(difference, gradient)
+            shift = cp.cross(momentum, flow)
+            start = cp.add(start, shift)
+        db = h * gap * inertia.per_unit * start[2]
+        if changes.h is not None:
+            db = db + changes.h * (gap * scaled[2])
+        if spins is not None:
+            d1, d2, d3 = spins
+            db = db + (h * scaled[2]) * (d3 - 0.5 * (d1 + d2))
+        x, y, _ = turned(momentum)
+        u, v, w = turned(start)
+        change = u - start[0] + db * y, v - start[1] - db * x, w - start[2]
+
+        turn, dv = cp.scale(h * spin, scaled), cp.scale(h * spin * inertia.per_unit, start)
+        rate = None if changes.h is None else changes.h * spin
+        if spins is not None:
+            more = 0.5 * h * (spins[0] + spins[1])
+            rate = more if rate is None else rate + more
+        if rate is not None:
+            dv = cp.add(dv, cp.scale(rate, scaled))
+        square, growth = cp.dot(turn, turn), cp.dot(turn, dv)
+        three = stumpff(square)[1]
+        across, along = cp.scale(two, cp.cross(turn, dv)), cp.scale(three * growth, turn)
+        w, x, y, z = increment
+        third = cp.scale(db, (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)))
+        chi = cp.add(cp.add(cp.scale(1 - three * square, dv), across), cp.add(along, third))
+        _, tangents = jax.jvp(
+            lambda half, square: Functions(*cosine_and_sinc(half), stumpff(square)[0]),
+            (b / 2, square),
+            (db / 2, 2 * growth),
         )
-        w, *u = flown.increment
-        change, chi, functions = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
-        return numbering.restored(change), numbering.restored(chi), functions
+        if shift is not None and flow is not None:
+            change, chi = cp.add(change, shift), cp.add(chi, flow)
+        return numbering.restored(change), numbering.restored(chi), tangents
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
-        numbering = _Numbering.of(inertia.inverses, self.axis)
+        numbering = Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
         return larger_rate(inverses[0], inverses[2], numbering.renumbered(momentum))
 
@@ -230,18 +207,15 @@ def _equal(a: Any, b: Any) -> Any:
     return abs(a - b) <= _EQUALITY_TOLERANCE * float(np.finfo(a.dtype).eps) * a
 
 
-class _Numbering(NamedTuple):
-    """The axes renumbered cyclically, so that the axis of symmetry becomes the third; `was_first`: it is the first of
-    the body.
+class Numbering(NamedTuple):
+    """The axes renumbered cyclically, so that the axis of symmetry becomes the third."""
 
-    The attributes are Python bools, or arrays if the axis is unknown before tracing.
-    """
-
+    # whether it is the first or the second of the body: Python bools, or arrays if this is unknown before tracing
     was_first: Any
     was_second: Any
 
     @classmethod
-    def of(cls, inverses: cp.Vector, axis: int | None) -> "_Numbering":
+    def of(cls, inverses: cp.Vector, axis: int | None) -> "Numbering":
         if axis is not None:
             return cls(axis == 0, axis == 1)
         a, b, c = inverses
@@ -257,10 +231,8 @@ class _Numbering(NamedTuple):
     def _select(self, first: cp.Vector, second: cp.Vector, third: cp.Vector) -> cp.Vector:
         if isinstance(self.was_first, bool):
             return first if self.was_first else second if self.was_second else third
-        x, y, z = (
-            jnp.where(self.was_first, a, jnp.where(self.was_second, b, c))
-            for a, b, c in zip(first, second, third, strict=True)
-        )
+        triples = zip(first, second, third, strict=True)
+        x, y, z = (jnp.where(self.was_first, a, jnp.where(self.was_second, b, c)) for a, b, c in triples)
         return x, y, z
 
 
@@ -272,10 +244,8 @@ def _rotations(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Ve
 def symmetric_turn(
     h: Array, a: Array, c: Array, momentum: cp.Vector
 ) -> tuple[cp.Quaternion, tuple[Array, Array], Functions]:
-    """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
-
-    Also the cosine and sine of half the angle b (in the body frame, the momentum rotates by -b about axis 3), and the
-    functions of both angles.
+    """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c, the cosine and sine of half the angle b, and
+    the functions of both angles.
     """
     turn, angle = _rotations(h, a, c, momentum)
     cosine, sinc = cosine_and_sinc(angle)
@@ -296,12 +266,11 @@ def bounded(h: Array, a: Array, c: Array, momentum: cp.Vector) -> list[tuple[Arr
 
 @jax.custom_jvp
 def _first_derivatives_only(inertia: Inertia) -> Inertia:
-    """The inertia unchanged, for a derivative that is wrong in second order: differentiating again raises."""
     return inertia
 
 
 def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
-    if all(map(is_zero, jax.tree.leaves(tangents[0], is_leaf=is_zero))):
+    if are_zero(tangents[0]):
         return primals[0], with_zeros(tangents[0], primals[0])
     raise ValueError(
         "the flight SYMMETRIC has only first derivatives with respect to the moments; use JACOBI, which has all orders."
