@@ -133,6 +133,17 @@ def real(function):
     return jax.jit(function, compiler_options=REAL)
 
 
+def refused(*cases):
+    """A test that each call raises a ValueError with the message."""
+
+    @pytest.mark.parametrize(("call", "message"), cases)
+    def test(call, message):
+        with pytest.raises(ValueError, match=f"(?s){message}"):
+            call()
+
+    return test
+
+
 def whole(*values):
     """Parameters of the whole matrix alone, which `make test-full` runs."""
     return [pytest.param(*(x if isinstance(x, tuple) else (x,)), marks=pytest.mark.full) for x in values]

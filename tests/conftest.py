@@ -81,8 +81,7 @@ TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
 REST = {
     *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_oracles"),
     *("test_own_methods", "test_simulate_damage", "test_timing", "test_public_cases"),
-    *("test_molecules", "test_molecule_files", "test_rod", "test_shadows", "test_spacecraft", "test_spins"),
-    *("test_tides", "test_wheels"),
+    *("test_molecules", "test_molecule_files", "test_shadows", "test_spacecraft", "test_spins"),
 }
 RELEASE = {"test_docs", "test_release"}  # what `make test` leaves out of them, `make test-release` runs
 BEGAN = time.time()

@@ -10,7 +10,6 @@ MOMENTS, SEMI_AXES = np.array([0.53, 0.9146, 1.0]), np.array([1.5, 1.0, 0.85])
 MOMENTUM = np.array([0.20943951, 0.22340214, 0.64926248])  # body frame, at the time 0; hours
 ATTITUDE = np.array([0.56443288, 0.13994471, 0.46500512, 0.6675337])
 PERIODS = 7.15918897, 52.04676366  # precession of the short axis, rotation
-POLE = np.array([0.35531405, 0.69810671, 0.62160997])
 NIGHTS = np.array([0.0, 24.0, 48.0, 120.0, 216.0, 336.0, 504.0, 720.0])
 SIGMA, FACETS = 0.0217, 20000
 

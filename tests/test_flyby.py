@@ -30,15 +30,15 @@ def test_the_ends_by_constant_steps_and_by_steps_that_know_the_perigee():
         np.testing.assert_allclose(state.momentum, end.momentum_before, atol=1e-17)
         np.testing.assert_allclose(state.attitude, end.attitude_before, atol=1e-14)
     both = jax.tree.map(lambda *x: jnp.stack(x), *states)
-    run = {"dt": flyby.HALF / 288, "steps": 576, "t0": -flyby.HALF}
-    path = ml.ensemble("JACOBI[SRKN6b]", flyby.body(), flyby.torque(), both, **run)
+    scene = "JACOBI[SRKN6b]", flyby.body(), flyby.torque()
+    path = ml.ensemble(*scene, both, dt=flyby.HALF / 288, steps=576, t0=-flyby.HALF)
     assert path.ok.all()
     check_ends(path.states)
     density = ml.densities.OrbitalDistance(flyby.orbit(), flyby.PERIGEE)
+    run = {"density": density, "steps": 512, "save_every": None, "t0": -flyby.HALF, "t1": flyby.HALF}
 
     def vary(state, dt):
-        options = {"density": density, "dt": dt, "steps": 512, "save_every": None, "t0": -flyby.HALF, "t1": flyby.HALF}
-        return ml.integrate_variable_step("JACOBI[SRKN6b]", flyby.body(), flyby.torque(), state, **options)
+        return ml.integrate_variable_step(*scene, state, dt=dt, **run)
 
     many = jax.jit(jax.vmap(vary, (0, None)))
     path = many(both, 150.0)

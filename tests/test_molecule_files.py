@@ -20,9 +20,9 @@ MASSES, PLACES = np.array([15.999, 1.008, 1.008]), np.array([[0, 0, 0], [0.0816,
 BOX = 1.6
 
 
-def box_of_water(count=8, seed=0):
+def box_of_water(count=8):
     """Body, points and a start in a periodic box."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     body, points = ml.molecules.from_points(MASSES, PLACES)
     attitude = Rotation.random(count, rng).as_quat(scalar_first=True)
     place = np.stack(np.meshgrid(*[[0.05, 0.85]] * 3), -1).reshape(-1, 3)[:count]
@@ -30,16 +30,18 @@ def box_of_water(count=8, seed=0):
     return body, points, ml.CoupledState(momentum, attitude, 100 * linear, place)
 
 
-def as_atoms(body: Any, points, state, wrap=True) -> Any:
+def as_atoms(body: Any, points, state, symbols="OHH") -> Any:
     """The atoms as ase holds them."""
     places = np.asarray(ml.molecules.sites(state, points))
-    spin = np.asarray(ml.so3.rotate(state.attitude, state.momentum / body.body.moments[None]))
+    if symbols == "OHH":
+        spin = np.asarray(ml.so3.rotate(state.attitude, state.momentum / body.body.moments[None]))
+    else:
+        spin = np.asarray(state.momentum) / float(body.body.moment)
     arms = places - np.asarray(state.position)[:, None]
     velocities = np.asarray(state.linear)[:, None] / float(body.mass) + np.cross(spin[:, None], arms)
-    atoms = ase.Atoms("OHH" * len(places), 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True)
+    atoms = ase.Atoms(symbols * len(places), 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True)
     atoms.set_velocities(velocities.reshape(-1, 3) * 10 / (1000 * units.fs))
-    if wrap:
-        atoms.wrap()
+    atoms.wrap()
     return atoms
 
 
@@ -65,9 +67,7 @@ def test_a_start_comes_from_a_file(name, written, options, digits, tmp_path):
     np.testing.assert_allclose(*moments, rtol=40 * digits)
     np.testing.assert_allclose(found.box, [BOX] * 3, atol=1e-4)
     # At the images that the file has: the same atoms, up to whole boxes.
-    way = (
-        np.asarray(ml.molecules.sites(found.start, found.points)) - np.asarray(ml.molecules.sites(start, points))
-    ) / BOX
+    way = np.subtract(*(ml.molecules.sites(*at) for at in ((found.start, found.points), (start, points)))) / BOX
     assert np.abs(way - np.round(way)).max() * BOX < 2 * digits
     if name.endswith(("xyz", "data")):
         np.testing.assert_allclose(found.start.linear, start.linear, atol=1e-3)
@@ -95,14 +95,7 @@ def test_linear_molecules_have_an_axis(tmp_path):
     axis = np.array([[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]])
     momentum, linear = np.cross(axis, rng.normal(size=(2, 3))), rng.normal(size=(2, 3))
     start = ml.CoupledFreeAxisState(momentum, axis, linear, position=[[0.3, 0.2, 0.1], [0.7, 0.2, 0.9]])
-    places = np.asarray(ml.molecules.sites(start, points))
-    rotor: Any = body.body
-    moment = float(rotor.moment)
-    spin, arms = momentum / moment, places - np.asarray(start.position)[:, None]
-    velocities = linear[:, None] / float(body.mass) + np.cross(spin[:, None], arms)
-    atoms = ase.Atoms("OCOOCO", 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True)
-    atoms.set_velocities(velocities.reshape(-1, 3) * 10 / (1000 * units.fs))
-    io.write(tmp_path / "c.xyz", atoms)
+    io.write(tmp_path / "c.xyz", as_atoms(body, points, start, "OCO"))
     found = molecules.read(tmp_path / "c.xyz", 3)
     assert isinstance(found.start, ml.CoupledFreeAxisState)
     for name in ("momentum", "axis", "linear", "position"):
@@ -129,18 +122,17 @@ def test_a_trajectory_is_read_by_others(tmp_path):
 def test_what_cannot_be_read_or_written(tmp_path):
     body, points, start = box_of_water(2)
     atoms = as_atoms(body, points, start)
-    io.write(tmp_path / "w.xyz", atoms)
-    with pytest.raises(ValueError, match="must have a multiple of"):
-        molecules.read(tmp_path / "w.xyz", 4)
-    moved = atoms.copy()
+    moved, other = atoms.copy(), atoms.copy()
     moved.positions[4] += 0.5
-    io.write(tmp_path / "w.xyz", moved)
-    with pytest.raises(ValueError, match="differ in shape"):
-        molecules.read(tmp_path / "w.xyz", 3)
-    atoms.set_chemical_symbols(["O", "H", "H", "H", "O", "H"])
-    io.write(tmp_path / "w.xyz", atoms)
-    with pytest.raises(ValueError, match="must be equal"):
-        molecules.read(tmp_path / "w.xyz", 3)
+    other.set_chemical_symbols(["O", "H", "H", "H", "O", "H"])
+    for written, count, message in (
+        (atoms, 4, "must have a multiple"),
+        (moved, 3, "differ in shape"),
+        (other, 3, "must be equal"),
+    ):
+        io.write(tmp_path / "w.xyz", written)
+        with pytest.raises(ValueError, match=message):
+            molecules.read(tmp_path / "w.xyz", count)
     path = ml.integrate("JACOBI[EA]", body, None, start.of_body(0), dt=0.001, steps=1)
     with pytest.raises(ValueError, match="one run of a CoupledState"):
         molecules.write_xyz(tmp_path / "x.xyz", path)

@@ -1,4 +1,4 @@
-"""The random numbers of `_math/normals.py` and `_math/normals.py`: their bits, and what a statistician would test."""
+"""The random numbers of `_math/normals.py`: their bits, and what a statistician would test."""
 
 import re
 from math import erfc
@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, loop_bodies, real
+from scipy import stats
 
 from midlie_jax._math import normals
 from midlie_jax._xla.fusion import fuse
@@ -16,19 +17,12 @@ MANY = 10_000_000
 SIGMAS = 5
 
 
-def key_of(seed):
-    return tuple(jax.random.key_data(jax.random.key(seed, impl="threefry2x32")))
-
-
 @jax.jit
 def drawn(key, step, stage, member):
     return jnp.stack(normals.normals(key, (step, stage, member), 6, jnp.float32))
 
 
-def many(count=MANY):
-    """(6, count) numbers: one step of many members."""
-    z = drawn(key_of(7), jnp.int32(11), jnp.int32(1), jnp.arange(count // 6, dtype=jnp.int32))
-    return np.asarray(z).astype(np.float64)
+drawn_of_each = jax.jit(jax.vmap(drawn))
 
 
 def mixed(x, y, z, w):
@@ -56,26 +50,6 @@ def test_the_words_are_those_of_the_same_formula_on_integers(size):
         expected += mixed(*(k ^ (p + (r ^ r >> 16)) % 2**32 for k, p, r in zip(own, place, rows, strict=True)))
     words = jax.jit(normals.words, static_argnums=4)(tuple(map(jnp.uint32, key)), jnp.int32(step), stage, member, count)
     assert [int(w) for w in words] == expected[:count]
-
-
-@pytest.mark.sample(0)
-def test_a_body_draws_the_same_numbers_in_every_company_program_and_dtype():
-    """The words to the bit; the numbers up to the contractions of a compiler."""
-    steps, dtype = jnp.int32(4), "float64"
-    keys = jax.random.key_data(jax.random.split(jax.random.key(5, impl="threefry2x32"), 37))
-
-    def of(key, member):
-        key = tuple(key)
-        return normals.words(key, steps, 2, member, 3), normals.normals(key, (steps, 2, member), 3, dtype)
-
-    words, numbers = jax.jit(jax.vmap(of, (0, None)))(keys, 6)
-    alone_words, alone = of(keys[20], 6)
-    several_words, several = of(keys[20], jnp.arange(9, dtype=jnp.int32))
-    plain = normals.normals(tuple(keys[20]), (steps, 2, 6), 3, jnp.float32)
-    for i in range(3):
-        assert words[i][20] == alone_words[i] == several_words[i][6]
-        assert numbers[i].dtype == dtype
-        np.testing.assert_allclose([numbers[i][20], several[i][6], plain[i]], alone[i], rtol=1e-6, atol=1e-6)
 
 
 def test_every_word_gives_a_finite_number():
@@ -124,8 +98,8 @@ def test_a_step_computes_each_word_once(dtype):
 @pytest.mark.sample(0)
 def test_distribution():
     """By Kolmogorov and Smirnov, and by counts in the tails."""
-    stats = pytest.importorskip("scipy.stats")
-    z = many()
+    members = jnp.arange(MANY // 6, dtype=jnp.int32)
+    z = np.asarray(drawn((jnp.uint32(0), jnp.uint32(7)), jnp.int32(11), jnp.int32(1), members)).astype(np.float64)
     assert stats.kstest(z.ravel(), "norm").pvalue > 1e-4
     for bound in (2, 3, 4, 5):
         for tail in (z > bound, z < -bound):
@@ -142,24 +116,18 @@ def test_distribution():
 @pytest.mark.parametrize("what", ["step", "stage", "member", "key"])
 def test_neighbours_are_independent(what):
     """Correlations of numbers, squares and signs of all six components, for arguments that differ in one bit."""
-    n, rng = 250_000, np.random.default_rng(2)
-    key = tuple(jnp.asarray(k, jnp.uint32) for k in rng.integers(2**32, size=(2, n)))
-    steps, members = (jnp.asarray(x, jnp.int32) for x in rng.integers(2**31, size=(2, n)))
-    draw = jax.jit(jax.vmap(lambda *arguments: drawn(*arguments)))
+    n, rng = 100_000, np.random.default_rng(2)
+    given = dict(zip(("key", "word"), jnp.asarray(rng.integers(2**32, size=(2, n)), jnp.uint32), strict=True))
+    given |= dict(zip(("step", "member"), jnp.asarray(rng.integers(2**31, size=(2, n)), jnp.int32), strict=True))
+    given["stage"] = jnp.full(n, 3, jnp.int32)
 
-    def numbers(key, step, stage, member):
-        stages = jnp.full(n, stage, jnp.int32)
-        z = np.asarray(draw(key, step, stages, member)).T.astype(np.float64)
+    def numbers(given):
+        z = drawn_of_each((given["key"], given["word"]), given["step"], given["stage"], given["member"])
+        z = np.asarray(z).T.astype(np.float64)
         return np.concatenate([z, (z**2 - 1) / 2**0.5, np.sign(z)])
 
-    first = numbers(key, steps, 3, members)
+    first = numbers(given)
     assert abs(first[:6] @ first[:6].T / n - np.eye(6)).max() < SIGMAS * 2 / n**0.5
     for bit in (0, 15, 30):
-        changed = jnp.int32(1 << bit)
-        other = {
-            "step": (key, steps ^ changed, 3, members),
-            "stage": (key, steps, 3 ^ 1 << bit, members),
-            "member": (key, steps, 3, members ^ changed),
-            "key": ((key[0] ^ jnp.uint32(1 << bit), key[1] ^ jnp.uint32(1 << bit + 1)), steps, 3, members),
-        }[what]
-        assert abs(first @ numbers(*other).T / n).max() < (SIGMAS + 1) / n**0.5
+        other = numbers({**given, what: given[what] ^ jnp.asarray(1 << bit, given[what].dtype)})
+        assert abs(first @ other.T / n).max() < (SIGMAS + 1) / n**0.5

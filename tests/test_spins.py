@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon, quick
+from cases import DTYPES, epsilon, quick, refused
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
 from midlie_jax.integrators.registry import entries
 
 METHODS = [e.method.name for e in entries().values() if e.method.bodies is ml.spins.Spins and not e.method.random]
-# A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
-MORE = [f"SUBLATTICES[{name}]" for name in ("E1", "E2", "TJ4", "BM4", "SRKN11b")]
+# One of first order, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
+MORE = [f"SUBLATTICES[{name}]" for name in ("E1", "BM4", "SRKN11b")]
 STEPS = 32
 
 
@@ -33,11 +33,8 @@ def neighbours(x, axis, periodic):
     return after, before
 
 
-EXCHANGE, VECTORS, EASY = (
-    np.array([0.9, -0.6]),
-    np.array([[0.3, 0.1, -0.2], [0.0, 0.4, 0.2]]),
-    np.array([0.6, 0.0, 0.8]),
-)
+EXCHANGE, VECTORS = np.array([0.9, -0.6]), np.array([[0.3, 0.1, -0.2], [0.0, 0.4, 0.2]])
+EASY = np.array([0.6, 0.0, 0.8])
 
 
 def shaken(t):
@@ -48,17 +45,17 @@ def shaken_numpy(t):
     return np.array([0.3, 0.5 * np.sin(2 * t), 0.4 * np.cos(t)])
 
 
-def field_numpy(t, s, periodic=(True, False)):
+def field_numpy(t, s):
     """Exchange, Dzyaloshinskii-Moriya, anisotropy and a field that changes in time, on a lattice of two dimensions."""
     total = shaken_numpy(t) + 2 * 0.35 * (s @ EASY)[..., None] * EASY
-    for axis, closes in enumerate(periodic):
+    for axis, closes in enumerate((True, False)):
         after, before = neighbours(s, axis, closes)
         total = total + EXCHANGE[axis] * (after + before) + np.cross(VECTORS[axis], after - before)
     return total
 
 
-def everything(dtype="float64", periodic=(True, False)):
-    cast = partial(jnp.asarray, dtype=dtype)
+def everything(dtype="float64"):
+    cast, periodic = partial(jnp.asarray, dtype=dtype), (True, False)
     neighbourly = ml.spins.Exchange(cast(EXCHANGE), periodic) + ml.spins.DzyaloshinskiiMoriya(cast(VECTORS), periodic)
     return neighbourly + ml.spins.Anisotropy(cast(0.35), cast(EASY)) + ml.spins.AppliedField(shaken)
 
@@ -83,8 +80,7 @@ def run(name, damping, torque, spin, dt, steps=STEPS, save_every=None, first=0):
     return ml.integrate(name, spins, torque, start, dt=dt, steps=steps, save_every=save_every, first_step=first)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", [METHODS[1], *METHODS[2:], METHODS[0], *MORE])
+@pytest.mark.parametrize("name", [*METHODS, *MORE])
 def test_order(name):
     method = ml.method(name)
     start, end = random_spins((4, 3)), 1.6
@@ -98,10 +94,7 @@ def test_order(name):
     assert abs(np.log2(errors[0] / errors[1]) - method.order) < 0.35, errors
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("name", "dtype"), [*zip([n for n in (*METHODS, *MORE) if ml.method(n).symmetric], DTYPES * 9, strict=False)]
-)
+@pytest.mark.parametrize(("name", "dtype"), [*zip([*METHODS, MORE[2]], DTYPES * 3, strict=True)])
 def test_symmetric_methods_come_back(name, dtype):
     start = random_spins((4, 3), dtype=dtype)
     there = run(name, 0.2, everything(dtype), start, 0.05)
@@ -112,7 +105,6 @@ def test_symmetric_methods_come_back(name, dtype):
     assert np.abs(back.states.spin - start).max() < 400 * epsilon(dtype)
 
 
-@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", METHODS)
 def test_lengths_and_what_is_kept_under_exchange(name):
     """Turns of sublattices keep the energy, the spherical midpoint rule the sum of the spins; both to rounding."""
@@ -127,8 +119,7 @@ def test_lengths_and_what_is_kept_under_exchange(name):
     assert kept == [name.startswith("SUBLATTICES"), name == "spherical midpoint"], changes
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["spherical midpoint", *(m for m in METHODS if m != "spherical midpoint")])
+@pytest.mark.parametrize("name", ["spherical midpoint", "Lie midpoint of spins", "SUBLATTICES[EA]"])
 def test_which_methods_are_symplectic(name):
     """M^T Omega(S1) M = Omega(S0) on the planes at right angles to the spins, with Omega(u, v) = S . (u x v)."""
     start = jnp.asarray(random_spins((3,)))
@@ -155,55 +146,17 @@ def test_which_methods_are_symplectic(name):
     assert defect < 1e-13 or defect > 1e-8
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", METHODS[:1])
-def test_spins_may_be_numbered_anew(name):
-    """Three sublattices, a matrix of couplings, and the same spins in another order."""
-    labels = np.array([0, 1, 2, 0, 1, 2, 1])
+def test_spins_on_a_graph_of_three_sublattices_move_as_known():
+    """Three sublattices and a matrix of couplings."""
+    labels, start = np.array([0, 1, 2, 0, 1, 2, 1]), random_spins((7,))
     drawn = np.random.default_rng(3).normal(size=(7, 7))
-    matrix = jnp.asarray(np.where(labels[:, None] != labels, drawn + drawn.T, 0))
-    start, order = random_spins((7,)), np.array([4, 2, 0, 6, 5, 1, 3])
-
-    def end(matrix, labels, spin):
-        body = ml.spins.Spins(sublattices=labels)
-        energy = ml.torques.FromPotential(lambda t, s: jnp.sum(matrix * (s.spin @ s.spin.T)) / 4)
-        return ml.integrate(
-            name, body, energy, ml.spins.SpinState(spin), dt=0.02, steps=20, save_every=None
-        ).states.spin
-
-    found = end(matrix, labels, jnp.asarray(start))
-    again = end(matrix[order][:, order], labels[order], jnp.asarray(start[order]))
-    assert np.allclose(found[order], again, rtol=0, atol=1e-13)
-    field = partial(lambda matrix, t, s: -matrix @ s / 2, np.asarray(matrix))
-    assert np.abs(found - motion_numpy(start, 0.4, 0.0, field)).max() < 2e-3
-
-
-def test_a_field_by_hand_and_one_from_an_energy_are_those_of_the_package():
-    start, torque = random_spins((4, 3)), everything()
-    state = ml.spins.SpinState(jnp.asarray(start))
-    expected = field_numpy(0.7, start)
-    assert np.allclose(torque(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
-    by_energy = ml.torques.FromPotential(torque.potential)
-    assert np.allclose(by_energy(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
-    cubic = ml.spins.CubicAnisotropy(0.4)
-    along = ml.torques.FromPotential(cubic.potential)(0.0, state)
-    assert np.allclose(np.cross(cubic(0.0, state), start), np.cross(along, start), rtol=0, atol=1e-14)
-
-
-def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step():
-    """S . k = tanh(atanh(S0 . k) + alpha g B t), and a turn by g B t about k."""
-    damping, field, start, end = 0.1, np.array([0.3, -0.2, 1.1]), np.array([0.6, 0.0, 0.8]), 10.0
-    g, size = 1 / (1 + damping**2), np.linalg.norm(field)
-    k = field / size
-    along = np.tanh(np.arctanh(start @ k) + damping * g * size * end)
-    across = start - (start @ k) * k
-    across = across / np.linalg.norm(across)
-    angle = g * size * end
-    turned = np.cos(angle) * across + np.sin(angle) * np.cross(k, across)
-    expected = along * k + np.sqrt(1 - along**2) * turned
-    path = run("SUBLATTICES[EA]", damping, ml.spins.AppliedField(field), start, 1.0, 10)
-    assert path.ok
-    assert np.abs(np.asarray(path.states.spin) - expected).max() < 1e-14
+    matrix = np.where(labels[:, None] != labels, drawn + drawn.T, 0)
+    body = ml.spins.Spins(sublattices=labels)
+    energy = ml.torques.FromPotential(lambda t, s: jnp.sum(matrix * (s.spin @ s.spin.T)) / 4)
+    run = {"dt": 0.02, "steps": 20, "save_every": None}
+    found = ml.integrate("SUBLATTICES[EA]", body, energy, ml.spins.SpinState(start), **run).states.spin
+    true = motion_numpy(start, 0.4, 0.0, lambda t, s: -matrix @ s / 2)
+    assert np.abs(found - true).max() < 2e-3
 
 
 def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails():
@@ -220,12 +173,6 @@ def test_a_damped_spin_opposite_to_the_field_keeps_its_length_or_fails():
         lengths = np.linalg.norm(np.asarray(kept.states.spin, float), axis=-1)
         assert np.abs(lengths - 1).max() < 200 * np.finfo(dtype).eps
     assert not ran(1.0, 16.0, spins, 1).ok  # alpha g B t = 4 in each of the two turns of the step
-
-
-def test_a_bath_too_hot_for_its_step_makes_a_run_fail():
-    """D h = 2: the law of the stage holds up to 1."""
-    field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(40.0, jax.random.key(1))
-    assert not go(field, CHAIN, ml.spins.Spins(damping=1.0), "SUBLATTICES[BAOAB]", bath).ok
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-9, 0.2])
@@ -260,11 +207,7 @@ def test_derivatives_of_the_spherical_midpoint_rule():
     assert abs(jax.grad(value)(0.7) - expected) < 1e-8
 
 
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(
-    ("name", "shape", "closes"),
-    [("SRKN6b", (4, 6), True), ("BAOAB", (4, 2, 4), False), ("BM4", (6,), True), ("BAOAB", (6,), False)],
-)
+@pytest.mark.parametrize(("name", "shape", "closes"), [("BAOAB", (4, 2, 4), False), ("BM4", (6,), True)])
 def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, name):
     """Given by its labels, the lattice is moved with masks; also in a heat bath, whose numbers belong to places."""
     vectors = jnp.asarray(np.random.default_rng(4).normal(size=(len(shape), 3)))
@@ -283,19 +226,17 @@ def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, nam
     assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
 
 
-PAIR, FIVE = np.array([1.0, 2.0]), np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+FIVE = np.arange(1.0, 6.0)
 
 
-@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     ("lattice", "torque", "last"),
     [
-        ((4, 4), ml.spins.Exchange(PAIR), ml.spins.Exchange(PAIR)),
         ((4, 4), *[ml.spins.DzyaloshinskiiMoriya(VECTORS)] * 2),
-        ((4, 4), ml.spins.Exchange(np.outer(FIVE, PAIR)), ml.spins.Exchange(5 * PAIR)),
+        ((4, 4), ml.spins.Exchange(np.outer(FIVE, EXCHANGE)), ml.spins.Exchange(5 * EXCHANGE)),
         ((), ml.spins.Anisotropy(FIVE), ml.spins.Anisotropy(5.0)),
     ],
-    ids=["coupling", "vectors", "rows of couplings", "single spins"],
+    ids=["vectors", "rows of couplings", "single spins"],
 )
 def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, last):
     spin, few = jnp.asarray(random_spins((5, *lattice))), {"dt": 0.1, "steps": 2, "save_every": 2}
@@ -304,19 +245,6 @@ def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, las
     assert np.abs(found.states.spin[-1] - alone.states.spin).max() < 1e-14
 
 
-def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says():
-    """<cos> = coth x - 1/x with x = B/kT."""
-    x, dt, count, steps = 3.0, 0.25, 2000, 400
-    start = ml.spins.SpinState(jnp.asarray(random_spins((count,))))
-    field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(1 / x, jax.random.key(5))
-    run = {"dt": dt, "steps": steps, "save_every": 20, "bath": bath}
-    path = ml.integrate("SUBLATTICES[BAOAB]", ml.spins.Spins(0.5), field, start, **run)
-    seen = np.asarray(path.states.spin[8:, :, 2])
-    assert path.ok
-    assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
-
-
-@pytest.mark.sample(0)
 def test_coupled_spins_in_a_heat_bath_and_free_ones():
     """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
     x, count = 2.0, 1500
@@ -333,16 +261,9 @@ def test_coupled_spins_in_a_heat_bath_and_free_ones():
     assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
 
 
-def test_a_method_has_a_name_or_two():
-    assert ml.method("SUBLATTICES", "TJ4") == ml.method("SUBLATTICES[TJ4]")
-    assert ml.method("SUBLATTICES", ml.schemes.EA) == ml.method("SUBLATTICES[EA]")
-    with pytest.raises(ValueError, match="add a scheme"):
-        ml.method("SUBLATTICES")
-
-
 NEAR = ml.spins.Exchange(1.0)
-HEAT = ml.spins.ThermalField(1.0, jax.random.key(0))
-CHAIN = ml.spins.SpinState(jnp.asarray(random_spins((6,))))
+HEAT, LANGEVIN = ml.spins.ThermalField(1.0, jax.random.key(0)), ml.baths.Langevin(1.0, 1.0, jax.random.key(0))
+CHAIN, ODD = (ml.spins.SpinState(jnp.asarray(random_spins((n,)))) for n in (6, 5))
 UP, DAMPED = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.Spins(0.1)
 
 
@@ -350,38 +271,31 @@ def go(torque, start, body=None, name="SUBLATTICES[EA]", bath=None):
     return ml.integrate(name, body or ml.spins.Spins(), torque, start, dt=0.1, steps=2, bath=bath)
 
 
-def of_many(torque, shape, body=None, name="SUBLATTICES[EA]", bath=None):
+def of_many(torque, shape, body=None):
     start = ml.spins.SpinState(jnp.asarray(random_spins(shape)))
-    return ml.ensemble(name, body or ml.spins.Spins(), torque, start, dt=0.1, steps=2, bath=bath)
+    return ml.ensemble("SUBLATTICES[EA]", body or ml.spins.Spins(), torque, start, dt=0.1, steps=2)
 
 
-def of_spins(shape, torque=NEAR):
-    return go(torque, ml.spins.SpinState(jnp.asarray(random_spins(shape))))
-
-
-REFUSED = [
+test_what_is_refused = refused(
+    (lambda: ml.method("SUBLATTICES"), "add a scheme"),
     (lambda: ml.spins.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
     (lambda: ml.spins.Spins(sublattices=[0, 2]), "sublattices must use every number"),
-    (lambda: of_spins((5,)), "is periodic with an odd number of 5 sites.*sublattices.*spherical midpoint"),
+    (lambda: go(NEAR, ODD), "is periodic with an odd number of 5 sites.*sublattices.*spherical midpoint"),
     (lambda: go(NEAR, ml.spins.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
     (lambda: go(NEAR, CHAIN, ml.spins.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
-    # A field that depends on spins on which it acts, or that has no closed form with damping.
     (lambda: go(ml.torques.FromPotential(lambda t, s: jnp.sum(s.spin[:, 2] ** 2)), CHAIN), "spins of sublattice 0"),
     (lambda: go(Before(), CHAIN), r"depends on spins of sublattice 0.*Spins\(sublattices"),
     (lambda: go(ml.spins.CubicAnisotropy(1.0), CHAIN, DAMPED), "no closed form.*spherical midpoint"),
-    # What belongs to bodies.
     (lambda: go(ml.torques.HeavyTop(1.0), CHAIN), "no body frame.*give a field.*AppliedField"),
     (lambda: go(UP + ml.torques.Damping(5.0), CHAIN), r"Damping reads the angular velocity.*Spins\(damping=...\)"),
     (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "uses gradients of forces"),
-    # Baths.
     (lambda: go(NEAR, CHAIN, bath=HEAT), "must have a stage for the bath"),
     (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"bath=midlie_jax.spins.ThermalField\(kT, key\)"),
     (
-        lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]", bath=ml.baths.Langevin(1.0, 1.0, HEAT.key)),
-        "Langevin acts on rigid bodies and rotors, not on a SpinState",
+        lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]", bath=LANGEVIN),
+        "Langevin acts on rigid bodies and rotors, not",
     ),
     (lambda: go(None, CHAIN, name="SUBLATTICES[BAOAB]", bath=HEAT), "needs a damping"),
-    # Shapes.
     (lambda: go(ml.spins.Anisotropy(np.ones(3)), CHAIN), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
     (lambda: go(NEAR, CHAIN, ml.spins.Spins(np.ones(3))), r"damping must be \(\).* or \(6,\).*got \(3,\)"),
     (lambda: go(ml.spins.AppliedField(np.ones((5, 3))), CHAIN), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
@@ -390,8 +304,7 @@ REFUSED = [
     (lambda: of_many(ml.spins.Exchange(1.0, (True,)), (6, 4, 2)), "periodic has 1 entries.*2 axes"),
     (lambda: of_many(ml.spins.DzyaloshinskiiMoriya(VECTORS), (6, 4)), r"vectors must be \(1, 3\)"),
     (lambda: of_many(UP, ()), r"start.spin must be \(n, ..., 3\)"),
-    (lambda: ml.observe.energy(ml.spins.Spins(), ml.spins.Exchange([1.0, 2, 3]), CHAIN), r"coupling must be \(\) or"),
-    # Other drivers.
+    (lambda: ml.observe.energy(ml.spins.Spins(), ml.spins.Exchange([1.0, 2, 3]), CHAIN), r"coupling must be \(\)"),
     (
         lambda: ml.diffrax.LieSolver("SUBLATTICES[EA]").init(
             ml.diffrax.RigidBodyTerm(ml.spins.Spins(), NEAR), 0.0, 1.0, CHAIN, None
@@ -404,13 +317,14 @@ REFUSED = [
         ),
         "spins run with a constant step",
     ),
-]
+)
 
 
-@pytest.mark.parametrize(("call", "message"), REFUSED)
-def test_what_is_refused(call, message):
-    with pytest.raises(ValueError, match=f"(?s){message}"):
-        call()
+def test_a_step_that_is_too_long_shows_in_ok():
+    """A turn beyond the longest, and D h = 2 in a bath: the law of its stage holds up to 1."""
+    assert not go(ml.spins.AppliedField([0.0, 0.0, 100.0]), CHAIN).ok
+    hot = ml.spins.ThermalField(40.0, HEAT.key)
+    assert not go(UP, CHAIN, ml.spins.Spins(1.0), "SUBLATTICES[BAOAB]", hot).ok
 
 
 class Before(ml.spins.SpinField):
@@ -423,16 +337,10 @@ class Before(ml.spins.SpinField):
         return 0 * spin[0]
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(("name", "near"), [("SUBLATTICES[EA]", False), ("spherical midpoint", True), ("RK4", False)])
+@pytest.mark.parametrize(("name", "near"), [("SUBLATTICES[EA]", False), ("spherical midpoint", True)])
 def test_python_numbers_run_in_float32(name, near):
     own = ml.spins.CubicAnisotropy(0.2) + ml.spins.Anisotropy(0.3) + ml.spins.Anisotropy(0.3, [0, 0.6, 0.8])
     start = ml.spins.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
     path = go(own + NEAR if near else own, start, name=name)
     assert path.ok
     assert path.states.spin.dtype == jnp.float32
-
-
-def test_a_turn_beyond_the_longest_shows_in_ok():
-    path = go(ml.spins.AppliedField([0.0, 0.0, 100.0]), CHAIN)
-    assert not path.ok

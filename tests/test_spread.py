@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import refused
 from simulated import ATTITUDES, BODIES, MOMENTA, MOMENTS, WEIGHTS
 
 import midlie_jax as ml
@@ -28,26 +30,20 @@ def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
     script = Path(__file__).parent / "meshes.py"
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=600, check=True)
     found = json.loads(done.stdout.splitlines()[-1])
-    assert set(found) == {"tops", "orbit", "heated", "mean", "autocorrelation", "spectrum", "explicit", "typed"}
+    assert set(found) == {"tops", "heated", "mean", "autocorrelation", "explicit", "typed"}
     for name, result in found.items():
         assert (name, result["same"], result["messages in loops"]) == (name, True, 0)
 
 
-LARGE = START.momentum.at[4].set(1e200)  # a body that overflows
-
-
 @pytest.mark.sample(0)
 def test_statistics_are_those_of_the_bodies_that_can_be_trusted():
-    start = ml.RigidState(LARGE, START.attitude)
-    options = {**RUN, "chunk": 7}
-    states = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, **options)
+    start = ml.RigidState(START.momentum.at[4].set(1e200), START.attitude)  # one that overflows
+    run, edges = partial(ml.ensemble, "SYMMETRIC[EA]", BODY, TORQUE, start, chunk=7, **RUN), np.linspace(-1, 1, 9)
+    states = run()
     assert np.flatnonzero(~states.ok).tolist() == [4]
-    good = np.arange(BODIES) != 4
-    momenta = np.asarray(states.states.momentum)[good]
-    mean = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, observe=ml.observe.Mean(momentum), **options).states
-    edges = np.linspace(-1, 1, 9)
-    histogram = ml.observe.Histogram(momentum, edges)
-    counts = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, observe=histogram, **options).states
+    momenta = np.asarray(states.states.momentum)[np.arange(BODIES) != 4]
+    mean = run(observe=ml.observe.Mean(momentum)).states
+    counts = run(observe=ml.observe.Histogram(momentum, edges)).states
     for k in range(1, 3):  # at the start, which overflows in nothing, the body still counts
         assert mean.number[k] == BODIES - 1
         np.testing.assert_allclose(mean.mean[k], momenta[:, k].mean(axis=0), rtol=1e-13)
@@ -63,10 +59,9 @@ def momentum(t, state):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("dtype", ["float32"])
-def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers(dtype):
+def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers():
     """In the precision of the run, or of the edges where they have more digits."""
-    body, torque, start = jax.tree.map(lambda x: x.astype(dtype), (BODY, TORQUE, START))
+    body, torque, start = jax.tree.map(lambda x: x.astype("float32"), (BODY, TORQUE, START))
 
     def values(t, state):
         first = state.momentum[0]
@@ -75,21 +70,18 @@ def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers(dtype)
     def run(observe):
         return ml.ensemble("SYMMETRIC[EA]", body, torque, start, observe=observe, chunk=7, **RUN).states
 
-    seen = jax.tree.map(np.asarray, run(values))
-    mean = run(ml.observe.Mean(values))
+    seen, mean = run(values), run(ml.observe.Mean(values))
     for name, edges in {
         "sign": [0.25, 0.75, 1.0],
         "tenths": np.arange(-9.5, 9.0, 0.5),
         "large": [0.1, 2.0**31],
     }.items():
         counts = run(ml.observe.Histogram(lambda t, state, name=name: values(t, state)[name], edges))
-        expected = [np.histogram(column, edges)[0] for column in seen[name].T.astype(np.float64)]
-        np.testing.assert_array_equal(counts, expected, err_msg=name)
-        numbers = seen[name].astype(np.float64)
-        assert mean[name].mean.dtype == mean[name].covariance.dtype == dtype
-        tolerance = 1e-12 if dtype == "float64" else 1e-5
-        np.testing.assert_allclose(mean[name].mean[:, 0], numbers.mean(axis=0), rtol=tolerance, err_msg=name)
-        np.testing.assert_allclose(mean[name].covariance[:, 0, 0], numbers.var(axis=0, ddof=1), rtol=10 * tolerance)
+        numbers = np.asarray(seen[name], np.float64)
+        np.testing.assert_array_equal(counts, [np.histogram(column, edges)[0] for column in numbers.T], err_msg=name)
+        assert mean[name].mean.dtype == mean[name].covariance.dtype == "float32"
+        np.testing.assert_allclose(mean[name].mean[:, 0], numbers.mean(axis=0), rtol=1e-5, err_msg=name)
+        np.testing.assert_allclose(mean[name].covariance[:, 0, 0], numbers.var(axis=0, ddof=1), rtol=1e-4)
 
 
 def test_a_value_that_is_no_number_is_in_no_bin():
@@ -100,36 +92,19 @@ def test_a_value_that_is_no_number_is_in_no_bin():
     np.testing.assert_array_equal(histogram.part(values, counted), [3, 2])
 
 
-@pytest.mark.parametrize(
-    ("observe", "message"),
-    [
-        (3, "observe must be a function of .t, state."),
-        ({}, "observe must be a function"),
-        ({"energy": 3}, r"observe\['energy'\] must be"),
-        (lambda t, state: None, "observe must return an array"),
-        (
-            ml.observe.Mean(lambda t, state: {"z": jax.lax.complex(t, t)}),
-            r"values of a statistic must be real.*\['z'\] is complex",
-        ),
-    ],
+test_what_cannot_be_observed_is_named = refused(
+    (lambda: ensemble(observe=3), "observe must be a function of .t, state."),
+    (lambda: ensemble(observe={}), "observe must be a function"),
+    (lambda: ensemble(observe={"energy": 3}), r"observe\['energy'\] must be"),
+    (lambda: ensemble(observe=lambda t, state: None), "observe must return an array"),
+    (lambda: ensemble(observe=ml.observe.Mean(lambda t, s: {"z": jax.lax.complex(t, t)})), r"must be real.*\['z'\]"),
+    (lambda: ensemble(observe=ml.observe.Mean(momentum), t0=jnp.zeros(BODIES)), "give one dt and one t0 for all"),
+    *(
+        (partial(ml.observe.Axis, axis), "axis must be three finite numbers, not all zero")
+        for axis in ((0.0, 0.0, 0.0), (np.nan, 0.0, 1.0))
+    ),
+    *(
+        (partial(ml.observe.Histogram, momentum, edges), "edges must be at least two increasing numbers")
+        for edges in ([1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]])
+    ),
 )
-def test_what_cannot_be_observed_is_named(observe, message):
-    with pytest.raises(ValueError, match=message):
-        ensemble(observe=observe)
-
-
-@pytest.mark.parametrize("axis", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
-def test_an_axis_must_have_a_direction(axis):
-    with pytest.raises(ValueError, match="axis must be three finite numbers, not all zero"):
-        ml.observe.Axis(axis)
-
-
-@pytest.mark.parametrize("edges", [[1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]]])
-def test_edges_must_increase(edges):
-    with pytest.raises(ValueError, match="edges must be at least two increasing numbers"):
-        ml.observe.Histogram(momentum, edges)
-
-
-def test_a_statistic_needs_common_times():
-    with pytest.raises(ValueError, match="give one dt and one t0 for all"):
-        ensemble(observe=ml.observe.Mean(momentum), t0=jnp.zeros(BODIES))

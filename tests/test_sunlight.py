@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import loop_bodies, real
+from cases import loop_bodies, real, refused
 from scipy.special import erf
-from test_surface import STILL, TETRAHEDRON, unit
+from test_surface import STILL, unit
 
 import midlie_jax as ml
 from midlie_jax.model import so3
@@ -25,17 +25,12 @@ def light(surface, direction=SUN, flux=1.0, *fractions, c=1.0, **named):
     return ml.asteroids.Sunlight(surface, direction, flux, *fractions, speed_of_light=c, **named)
 
 
-# Sunlight.
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
-    ("fractions", "factor"),
-    [((0.0, 0.0, 0.0), 1), ((1.0, 0.0, 0.0), 1), ((0.0, 1.0, 0.0), 13 / 9), ((0.0, 0.0, 1.0), 13 / 9),
-     ((0.2, 0.3, 0.5), 1 + 4 / 9 * 0.55)],
-)  # fmt: skip
+    ("fractions", "factor"), [((0.2, 0.3, 0.5), 1 + 4 / 9 * 0.55), ((1.0, 0.0, 0.0), 1), ((0.0, 0.0, 1.0), 13 / 9)]
+)
 def test_a_sphere_is_pushed_away_from_the_sun_and_not_turned(fractions, factor):
-    """A black sphere and a mirror by pi r^2 flux/c, one that scatters or radiates by 13/9 of it."""
+    """A mirror by pi r^2 flux/c, one that scatters or radiates by 13/9 of it."""
     wrench = light(SPHERE, SUN, 1361.0, *fractions, c=299792458.0)(0.0, FREE)
     push = 4 * np.pi * 1361.0 / 299792458.0
     np.testing.assert_allclose(wrench.force / push, -factor * SUN, atol=3e-4)
@@ -43,11 +38,7 @@ def test_a_sphere_is_pushed_away_from_the_sun_and_not_turned(fractions, factor):
 
 
 def test_a_box_with_one_shiny_panel_is_turned_as_by_hand():
-    """Light along (1, 0, 1)/sqrt 2 on the panels at +x, a mirror, and +z, black, of a box of edges 1, 2, 3.
-
-    The mirror is pushed by -2 A mu^2 along x at its centre, on the axis: no torque. The black one at z = 3/2 by -A mu u
-    = -(2/2) (1, 0, 1), and z e3 x that is a torque about y. Moved along y, the mirror turns the box about z.
-    """
+    """Light along (1, 0, 1)/sqrt 2: the mirror at +x by -2 A mu^2 along x, the black panel at +z by -A mu u."""
     specular = jnp.array([1.0, 0, 0, 0, 0, 0])
     sun = unit(1.0, 0.0, 1.0)
     torque = light(BOX, sun, 1.0, specular)(0.0, STILL)
@@ -68,12 +59,9 @@ def loads_by_hand(surface, sun, flux, s, d, h):
     return turn, force
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("facets", [180, 4])
-def test_the_sum_is_that_of_the_formula_and_the_same_in_a_run(facets):
-    """Facets written out and in blocks, on arrays, in an ensemble, in other frames, on a body that travels."""
-    surface = ml.Surface(*TETRAHEDRON).centred() if facets == 4 else ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets)
-    surface = surface.moved([0.1, 0.2, -0.3])
+def test_the_sum_over_blocks_of_facets_is_that_of_the_formula():
+    """Also on a body that travels."""
+    surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80).moved([0.1, 0.2, -0.3])
     torque = light(surface, SUN, lambda t: 2.0 + 0 * t, 0.3, 0.2, 0.6)
     sun = np.asarray(so3.rotate(so3.conjugate(STATE.attitude), SUN))
     turn, force = loads_by_hand(surface, sun, 2.0, 0.3, 0.2, 0.6)
@@ -81,32 +69,6 @@ def test_the_sum_is_that_of_the_formula_and_the_same_in_a_run(facets):
     wrench = torque(0.0, FREE)
     np.testing.assert_allclose(wrench.torque, turn, rtol=1e-12)
     np.testing.assert_allclose(wrench.force, so3.rotate(STATE.attitude, jnp.asarray(force)), rtol=1e-12)
-
-
-@pytest.mark.sample(0)
-def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
-    """Against the torque of a function on arrays that knows nothing of blocks, and its gradient."""
-    surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80).moved([0.1, 0.2, -0.3])
-    torque, body = light(surface, SUN, 0.3, 0.3, 0.2, 0.6), ml.RigidBody([1.0, 1.8, 2.3])
-
-    def on_arrays(t, state):
-        sun = so3.rotate(so3.conjugate(state.attitude), SUN)
-        mu = jnp.maximum(surface.normals @ sun, 0)
-        across = 2 * 0.3 * mu + 2 / 3 * (0.2 + 0.6 * 0.5)
-        push = (surface.areas * mu)[:, None] * (0.7 * sun[None] + across[:, None] * surface.normals)
-        return -0.3 * jnp.sum(jnp.cross(surface.centroids, push), axis=0)
-
-    run = {"dt": 0.05, "steps": 20}
-    one = ml.integrate("JACOBI[EA]", body, torque, STATE, **run).states
-    exact = ml.integrate("JACOBI[EA]", body, on_arrays, STATE, **run).states
-    np.testing.assert_allclose(one.momentum, exact.momentum, rtol=1e-11)
-
-    def end(momentum, torque, **options):
-        start = ml.RigidState(momentum, STATE.attitude)
-        return ml.integrate("JACOBI[EA]", body, torque, start, **run, **options).states.attitude[-1, 1]
-
-    own = jax.grad(partial(end, torque=torque, adjoint=ml.adjoints.Reversible()))(STATE.momentum)
-    np.testing.assert_allclose(own, jax.grad(end)(STATE.momentum, on_arrays), rtol=1e-9)
 
 
 @pytest.mark.sample(0)
@@ -127,26 +89,6 @@ def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
         assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
         loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,12]" in b]
         assert max(loops) == most
-
-
-@pytest.mark.sample(0)
-def test_a_gradient_across_the_terminator_is_that_of_differences():
-    """Of the torque on a body with facets at every angle, with respect to its turn, its shape and its fractions."""
-
-    def torque(numbers):
-        surface = ml.Surface.ellipsoid(numbers[:3], 80).moved(numbers[3:6])
-        state = ml.RigidState(jnp.zeros(3), so3.exp(numbers[6:9]))
-        return light(surface, SUN, 1.0, numbers[9], numbers[10], numbers[11])(0.0, state)
-
-    numbers = jnp.array([3.0, 2.0, 1.0, 0.1, 0.2, -0.3, 0.2, 0.3, -0.4, 0.3, 0.2, 0.4])
-    h = 1e-6
-    moved = numbers[None] + h * jnp.concatenate([jnp.eye(12), -jnp.eye(12)])
-    values = np.asarray(jax.jit(jax.vmap(torque))(moved))
-    slopes = (values[:12] - values[12:]) / (2 * h)
-    np.testing.assert_allclose(jax.jit(jax.jacrev(torque))(numbers), slopes.T, atol=3e-5)
-
-
-# Thin gas.
 
 
 def test_a_plate_across_the_flow_has_the_drag_of_the_books():
@@ -190,10 +132,8 @@ def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
     np.testing.assert_allclose(wrench.torque, 0, atol=1e-13)
 
 
-@pytest.mark.sample(4)
-@pytest.mark.parametrize(
-    ("facets", "accommodation", "thermal_speed"), [(1, 1.0, None), (1, 0.7, 1.5), (17, 1.0, 1.5), (17, 0.7, None)]
-)
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("facets", "accommodation", "thermal_speed"), [(1, 1.0, 1.5), (17, 1.0, None), (17, 0.7, 1.5)])
 def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodation, thermal_speed):
     """Where all is accommodated the speed away is that at the wall, whose square alone has no slope at zero."""
     plates = ml.Surface.of_facets([0.2] * facets, [[0.6, 0.0, 0.8]] * facets, [[0.0, 0.5, 0.0]] * facets)
@@ -204,12 +144,10 @@ def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodatio
 
     step = 1e-7
     slope = float(torque(step) - torque(0.0)) / step
-    assert jax.grad(torque)(0.0) == pytest.approx(slope, rel=1e-6, abs=1e-6)
+    slopes = jax.jit(jax.grad(torque, argnums=(0, 1)))(0.0, accommodation)
+    assert slopes[0] == pytest.approx(slope, rel=1e-6, abs=1e-6)
     assert (abs(slope) > 0.01) == (accommodation == 1.0)
-    assert np.isfinite(jax.grad(torque, argnums=1)(0.0, accommodation))
-
-
-# Eddy currents.
+    assert np.isfinite(slopes[1])
 
 
 def test_eddy_currents_take_the_energy_that_they_say():
@@ -230,13 +168,12 @@ def test_eddy_currents_take_the_energy_that_they_say():
     np.testing.assert_allclose(ml.spacecraft.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
 
 
-# Input that is wrong.
 gas = partial(ml.spacecraft.FreeMolecularDrag, BOX)
 eddies = ml.spacecraft.EddyCurrents
 
 ONE = [1.0, 0.0, 0.0]
 READINGS = "(?s)tensor must .*; or, if these are three numbers for each of three bodies, pass"
-WRONG = [
+test_what_is_wrong_is_named_with_its_cure = refused(
     (lambda: light(BOX, [1.0, 1.0, 0.0]), "direction must be a unit vector"),
     (lambda: light(BOX, ONE, -1.0), "flux must be finite and not negative"),
     (lambda: light(BOX, ONE, 1.0, 1.2), "specular must be between 0 and 1"),
@@ -253,10 +190,4 @@ WRONG = [
     (lambda: eddies([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), READINGS),
     (lambda: eddies([1.0, -1.0, 0.0], ONE), "tensor must not be negative"),
     (lambda: eddies(np.diag([1.0, -1.0, 0.0]), ONE), "(?s)tensor must be positive semi-definite.*eigenvalue -1"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "message"), WRONG)
-def test_what_is_wrong_is_named_with_its_cure(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        wrong()
+)

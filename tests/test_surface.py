@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import refused
 from scipy.spatial import ConvexHull
 
 import midlie_jax as ml
@@ -17,37 +18,39 @@ from midlie_jax.model import so3
 observe = ml.observe
 STATE = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
 STILL = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
+TURN = so3.exp(jnp.array([0.3, 1.2, -0.5]))
 TETRAHEDRON = (
     np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]]),
     np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
 )
 
 
-def cuboid(lengths, offset=(0.0, 0.0, 0.0)):
-    """Vertices and the twelve triangles of a box."""
-    corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-    hull = ConvexHull(corners)
-    inwards = np.sum(np.cross(*(corners[hull.simplices[:, k]] - corners[hull.simplices[:, 0]] for k in (1, 2))) *
-                     hull.equations[:, :3], axis=1) < 0  # fmt: skip
-    faces = np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
-    return corners * lengths + offset, faces
+VERTICES = np.array(list(itertools.product((-0.5, 0.5), (-1.0, 1.0), (-1.5, 1.5))))  # of a box
+FACES = ConvexHull(VERTICES).simplices
+FACES = np.where(np.linalg.det(VERTICES[FACES])[:, None] < 0, FACES[:, ::-1], FACES)
 
 
 def unit(*numbers):
     return jnp.array(numbers) / np.linalg.norm(numbers)
 
 
-def test_a_tetrahedron_has_its_volume_centre_and_inertia():
-    """A right-angled one with legs a, b, c: volume abc/6, centre (a, b, c)/4, products of inertia abc/6 ab/20."""
-    surface = ml.Surface(*TETRAHEDRON)
-    a, b, c = 2.0, 3.0, 5.0
-    mass = 7.0 * a * b * c / 6
-    assert surface.volume == pytest.approx(a * b * c / 6, rel=1e-14)
+@pytest.mark.sample(0)
+def test_a_tetrahedron_has_its_volume_centre_inertia_and_moments():
+    """Of x^i y^j z^k over a right-angled one: a^(i+1) b^(j+1) c^(k+1) i! j! k!/(i + j + k + 3)!."""
+    surface, legs = ml.Surface(*TETRAHEDRON), np.array([2.0, 3.0, 5.0])
+    mass, whole = 7.0 * legs.prod() / 6, {}
+    for degree in (1, 2, 3, 4):
+        whole[degree] = surface.moments(degree, 7.0)
+        for index, found in np.ndenumerate(whole[degree]):
+            powers = np.bincount(index, minlength=3)
+            exact = np.prod(legs ** (powers + 1) * [math.factorial(p) for p in powers]) / math.factorial(degree + 3)
+            assert found == pytest.approx(7 * exact, rel=1e-12)
+    matrix = so3.to_matrix(TURN)
+    turned = jnp.einsum("ia,jb,kc,abc->ijk", matrix, matrix, matrix, whole[3])
+    np.testing.assert_allclose(surface.turned(TURN).moments(3, 7.0), turned, rtol=1e-11)
     assert surface.mass(7.0) == pytest.approx(mass, rel=1e-14)
-    np.testing.assert_allclose(surface.centre_of_mass, [a / 4, b / 4, c / 4], rtol=1e-14)
-    # About the corner, int x^2 = m a^2/10 and int x y = m a b/20; about the centre less m times the products of a/4.
-    legs = np.array([a, b, c])
-    second = mass * (np.outer(legs, legs) / 20 + np.diag(legs**2) / 20 - np.outer(legs, legs) / 16)
+    np.testing.assert_allclose(surface.centre_of_mass, legs / 4, rtol=1e-14)
+    second = whole[2] - mass * np.outer(legs, legs) / 16
     np.testing.assert_allclose(surface.inertia(7.0), np.trace(second) * np.eye(3) - second, rtol=1e-13)
     np.testing.assert_allclose(surface.areas[:3], [3.0, 5.0, 7.5])
     np.testing.assert_allclose(surface.normals[:3], [[0, 0, -1], [0, -1, 0], [-1, 0, 0]], atol=1e-15)
@@ -57,18 +60,19 @@ def test_boxes_of_triangles_of_rectangles_and_of_two_halves_are_one():
     lengths, offset = np.array([1.0, 2.0, 3.0]), np.array([50.0, -20.0, 9.0])
     squares = lengths**2
     inertia = 0.5 * 6.0 / 12 * np.diag(squares.sum() - squares)
-    half = ml.Surface(*cuboid([0.5, 2.0, 3.0]))
+    half = ml.Surface(VERTICES * np.array([0.5, 1.0, 1.0]), FACES)
     halves = half.moved([0.25, 0.0, 0.0]) + half.moved([-0.25, 0.0, 0.0])
-    for surface in (ml.Surface(*cuboid(lengths)), ml.Surface.box(lengths), halves):
+    for surface in (ml.Surface(VERTICES, FACES), ml.Surface.box(lengths), halves):
         assert surface.volume == pytest.approx(6.0, rel=1e-14)
         np.testing.assert_allclose(surface.inertia(0.5), inertia, rtol=1e-13, atol=1e-13)
         np.testing.assert_allclose(surface.body(0.5).tensor, inertia, rtol=1e-13, atol=1e-13)
-    far = ml.Surface(*cuboid(lengths, offset))
+    far = ml.Surface(VERTICES + offset, FACES)
     np.testing.assert_allclose(far.centre_of_mass, offset, rtol=1e-14)
     np.testing.assert_allclose(far.inertia(0.5), inertia, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(far.centred().centroids, ml.Surface(*cuboid(lengths)).centroids, atol=1e-13)
+    np.testing.assert_allclose(far.centred().centroids, ml.Surface(VERTICES, FACES).centroids, atol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_an_ellipsoid_has_its_own_volume_and_inertia_whatever_the_facets():
     """And its area vectors add up to zero; the volume by its facets, int n . x dA / 3, is that volume, too."""
     a, b, c = 3.0, 2.0, 1.0
@@ -86,7 +90,7 @@ def test_an_ellipsoid_has_its_own_volume_and_inertia_whatever_the_facets():
 @pytest.mark.sample(0)
 def test_principal_axes_of_a_turned_surface_are_those_of_the_surface():
     """Moments ascend, the surface turns along, and what light does to both is the same."""
-    surface = ml.Surface(*TETRAHEDRON).turned(so3.exp(jnp.array([0.3, 1.2, -0.5])))
+    surface = ml.Surface(*TETRAHEDRON).turned(TURN)
     body, own = surface.principal(2.0)
     np.testing.assert_allclose(np.linalg.eigvalsh(surface.inertia(2.0)), body.moments, rtol=1e-12)
     np.testing.assert_allclose(own.inertia(2.0), np.diag(body.moments), atol=1e-12 * float(body.trace))
@@ -101,66 +105,35 @@ def test_principal_axes_of_a_turned_surface_are_those_of_the_surface():
 @pytest.mark.parametrize("ending", ["obj", "stl", "ply"])
 def test_a_surface_from_a_file_is_that_of_its_vertices(ending, tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    vertices, faces = cuboid([1.0, 2.0, 3.0])
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / f"box.{ending}")
-    read, own = ml.Surface.from_file(tmp_path / f"box.{ending}", scale=10.0), ml.Surface(10 * vertices, faces)
+    trimesh.Trimesh(VERTICES, FACES, process=False).export(tmp_path / f"box.{ending}")
+    read, own = ml.Surface.from_file(tmp_path / f"box.{ending}", scale=10.0), ml.Surface(10 * VERTICES, FACES)
     assert read.count == 12
     np.testing.assert_allclose([read.volume, own.volume], 6000.0, rtol=1e-6)
     np.testing.assert_allclose(read.inertia(1.0), own.inertia(1.0), rtol=1e-5, atol=1e-2)
-    trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / f"open.{ending}")
+    trimesh.Trimesh(VERTICES, FACES[1:], process=False).export(tmp_path / f"open.{ending}")
     with pytest.raises(ValueError, match="close the surface, but 3 edges"):
         ml.Surface.from_file(tmp_path / f"open.{ending}")
+
+
+def test_a_surface_from_a_table_is_that_of_its_vertices(tmp_path):
+    """The layouts of DAMIT, of plate and of radar models of the PDS, and of `ver` files."""
+
+    def rows(array, *head, numbered=False):
+        return [" ".join(map(str, (*([k] if numbered else head), *row))) for k, row in enumerate(array.tolist(), 1)]
+
+    tables = {
+        "damit.txt": ["8 12", *rows(VERTICES), *rows(FACES + 1)],
+        "indexed.tab": ["8", *rows(VERTICES, numbered=True), "12", *rows(FACES, numbered=True)],
+        "letters.tab": ["# radar", *rows(VERTICES, "v"), *rows(FACES + 1, "f")],
+        "corners.ver": ["8 12", *rows(VERTICES), *rows(FACES, 3)],
+    }
+    for name, lines in tables.items():
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+        read = ml.Surface.from_file(tmp_path / name, scale=10.0)
+        np.testing.assert_array_equal(read.corners, ml.Surface(10 * VERTICES, FACES).corners, err_msg=name)
     (tmp_path / "box.txt").write_text("1 2 3")
     with pytest.raises(ValueError, match="give an OBJ, STL or PLY file"):
         ml.Surface.from_file(tmp_path / "box.txt")
-
-
-@pytest.mark.sample(0)
-def test_the_moments_of_a_tetrahedron_are_those_of_its_integrals():
-    """Of x^i y^j z^k over a right-angled one: a^(i+1) b^(j+1) c^(k+1) i! j! k!/(i + j + k + 3)!."""
-    surface = ml.Surface(*TETRAHEDRON)
-    legs = np.array([2.0, 3.0, 5.0])
-    for degree in (1, 2, 3, 4):
-        found = surface.moments(degree, 7.0)
-        for index in np.ndindex(*found.shape):
-            powers = np.bincount(index, minlength=3)
-            exact = np.prod(legs ** (powers + 1) * [math.factorial(p) for p in powers]) / math.factorial(degree + 3)
-            assert found[index] == pytest.approx(7 * exact, rel=1e-12)
-    turn, own = so3.exp(jnp.array([0.3, 1.2, -0.5])), surface.moments(3, 7.0)
-    matrix = so3.to_matrix(turn)
-    turned = jnp.einsum("ia,jb,kc,abc->ijk", matrix, matrix, matrix, own)
-    np.testing.assert_allclose(surface.turned(turn).moments(3, 7.0), turned, rtol=1e-11)
-
-
-TABLES = {
-    "damit.txt": "{v} {f}\n{vertices_}\n{faces_}\n",
-    "indexed.tab": "{v}\n{vertices_numbered}\n{f}\n{faces_numbered}\n",
-    "letters.tab": "# radar\n{vertices_v}\n{faces_f}\n",
-    "corners.ver": "{v} {f}\n{vertices_}\n{faces_three}\n",
-}
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("name", "first"), [*zip(TABLES, (1, 0, 1, 0), strict=True)])
-def test_a_surface_from_a_table_is_that_of_its_vertices(name, first, tmp_path):
-    """The layouts of DAMIT, of plate and of radar models of the PDS, and of `ver` files."""
-    vertices, faces = cuboid([1.0, 2.0, 3.0])
-
-    def rows(array, head):
-        return "\n".join(" ".join(map(str, (*head(k), *row.tolist()))) for k, row in enumerate(array, 1))
-
-    heads = {
-        "": lambda k: (),
-        "numbered": lambda k: (k,),
-        "v": lambda k: "v",
-        "f": lambda k: "f",
-        "three": lambda k: (3,),
-    }
-    text = {f"vertices_{name}": rows(vertices, head) for name, head in heads.items()}
-    text |= {f"faces_{name}": rows(faces + first, head) for name, head in heads.items()}
-    (tmp_path / name).write_text(TABLES[name].format(v=len(vertices), f=len(faces), **text))
-    read, own = ml.Surface.from_file(tmp_path / name, scale=10.0), ml.Surface(10 * vertices, faces)
-    np.testing.assert_array_equal(read.corners, own.corners)
 
 
 @pytest.mark.sample(0)
@@ -168,19 +141,15 @@ def test_a_surface_is_repaired(tmp_path):
     """A face inside out, one twice, one without area and a hole of one face; also in a table."""
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("networkx")
-    vertices, faces = cuboid([1.0, 2.0, 3.0])
-    wrong = np.concatenate([faces[:1, ::-1], faces[1:-1], faces[3:4], [[0, 0, 1]]])
-    trimesh.Trimesh(vertices, wrong, process=False).export(tmp_path / "wrong.ply")
-    rows = ["8 13", *(" ".join(map(str, row)) for row in [*vertices.tolist(), *wrong.tolist()])]
+    wrong = np.concatenate([FACES[:1, ::-1], FACES[1:-1], FACES[3:4], [[0, 0, 1]]])
+    trimesh.Trimesh(VERTICES, wrong, process=False).export(tmp_path / "wrong.ply")
+    rows = ["8 13", *(" ".join(map(str, row)) for row in [*VERTICES.tolist(), *wrong.tolist()])]
     (tmp_path / "wrong.txt").write_text("\n".join(rows))
     for name in ("wrong.ply", "wrong.txt"):
         with pytest.raises(ValueError, match="faces must"):
             ml.Surface.from_file(tmp_path / name)
         surface = ml.Surface.from_file(tmp_path / name, repair=True)
         assert (surface.count, float(surface.volume)) == (12, pytest.approx(6.0, rel=1e-6))
-
-
-# What is seen.
 
 
 @pytest.mark.sample(0)
@@ -213,31 +182,13 @@ def test_a_sphere_has_the_phase_functions_of_the_books():
     lambert = ml.asteroids.Brightness(sphere, sun, observer, ml.asteroids.Lambert(), albedo=0.5)(0.0, STATE)
     grey = ml.asteroids.Brightness(sphere, sun, observer, ml.asteroids.LommelSeeliger())(0.0, STATE)
     law = ml.asteroids.LommelSeeliger(0.1)
-    mixed = ml.asteroids.Brightness(sphere, sun, observer, law, phase=lambda a: jnp.exp(-a))(0.0, STATE)
+    options = {"phase": lambda a: jnp.exp(-a), "magnitude": True}
+    mixed = ml.asteroids.Brightness(sphere, sun, observer, law, **options)(0.0, STATE)
     exact = (np.sin(angle) + (np.pi - angle) * np.cos(angle)) / np.pi
     assert lambert == pytest.approx(0.5 * 2 * np.pi / 3 * exact, rel=3e-4)
     half = angle / 2
     assert grey == pytest.approx(np.pi / 2 * (1 - np.sin(half) * np.tan(half) * np.log(1 / np.tan(half / 2))), rel=4e-4)
-    assert mixed == pytest.approx(float(np.exp(-angle) * (grey + 0.2 * lambert)), rel=1e-11)
-
-
-@pytest.mark.sample(0)
-def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_form():
-    """K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23, from forty places of Sun and observer."""
-    axes = np.array([1.5, 1.2, 0.8])
-    directions = np.random.default_rng(1).normal(size=(40, 2, 3))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    sun, observer = np.moveaxis(directions / axes, 1, 0)
-    s0, s1 = np.linalg.norm(sun, axis=1), np.linalg.norm(observer, axis=1)
-    cosine = np.sum(sun * observer, axis=1) / (s0 * s1)
-    angle, s = np.arccos(cosine), np.sqrt(s0**2 + s1**2 + 2 * s0 * s1 * cosine)
-    lag = np.arctan2(s1 * np.sin(angle), s0 + s1 * cosine)
-    bright = np.log(1 / np.tan(lag / 2) / np.tan((angle - lag) / 2))
-    bracket = np.cos(lag - angle) + np.cos(lag) + np.sin(lag) * np.sin(lag - angle) * bright
-    exact = np.pi / 2 * axes.prod() * s0 * s1 / s * bracket
-    assert np.ptp(exact) > 1
-    closed = [float(ml.asteroids.EllipsoidBrightness(axes, *pair)(0.0, STILL)) for pair in directions]
-    np.testing.assert_allclose(closed, exact, rtol=0, atol=1e-14 * exact.max())
+    assert mixed == pytest.approx(-2.5 * np.log10(np.exp(-angle) * (grey + 0.2 * lambert)), rel=1e-11)
 
 
 @pytest.mark.sample(0)
@@ -266,21 +217,6 @@ def test_the_closed_form_holds_from_the_sun_and_opposite_to_it():
 
 
 @pytest.mark.sample(0)
-def test_a_tumbling_ellipsoid_seen_in_a_run_is_seen_in_its_states():
-    """In magnitudes, along moving directions, on a `TensorBody`."""
-    surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
-
-    def sun(t):
-        return jnp.stack([jnp.cos(0.1 * t), jnp.sin(0.1 * t), 0 * t]) * 4
-
-    light = ml.asteroids.Brightness, surface, sun, unit(1.0, 2.0, 2.0), ml.asteroids.LommelSeeliger(0.1)
-    brightness, magnitude = (light[0](*light[1:], magnitude=m) for m in (False, True))
-    run = {"dt": 0.1, "steps": 6, "save_every": 2}
-    path = ml.integrate("JACOBI[EA]", surface.body(1.0), None, STATE, **run)
-    found = ml.integrate("JACOBI[EA]", surface.body(1.0), None, STATE, **run, observe=magnitude).states
-    np.testing.assert_allclose(found, -2.5 * np.log10(jax.vmap(brightness)(path.times, path.states)), rtol=1e-12)
-
-
 def test_the_brightness_of_a_facet_in_the_dark_has_a_derivative():
     """Zero beyond the edge and that of the law before it, also where Sun and observer both graze: mu = mu0 = 0."""
     panel = ml.Surface.of_facets([2.0], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]])
@@ -314,18 +250,16 @@ def test_brightness_has_derivatives_with_respect_to_shape_and_attitude():
     np.testing.assert_allclose(gradient, (values[:6] - values[6:]) / (2 * h), rtol=1e-4, atol=1e-5)
 
 
-# Input that is wrong.
-
 Brightness, LAMBERT = ml.asteroids.Brightness, ml.asteroids.Lambert()
-VERTICES, FACES = cuboid([1.0, 2.0, 3.0])
 PANEL = ([1.0], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]])
-WRONG = [
+BOX = ml.Surface.box([1.0, 2.0, 3.0])
+X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
+NOTHING, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+PAIR = ml.CoupledState(NOTHING, UPRIGHT, NOTHING, NOTHING)
+test_what_is_wrong_is_named_with_its_cure = refused(
     (lambda: ml.Surface(VERTICES, FACES[:-1]), "faces must close the surface, but 3 edges"),
-    (lambda: ml.Surface(VERTICES, FACES[:, ::-1]), "faces must be counterclockwise from outside.*faces\\[:, ::-1\\]"),
-    (
-        lambda: ml.Surface(VERTICES, np.vstack([FACES[:1, ::-1], FACES[1:]])),
-        "faces must be oriented consistently, but 3",
-    ),
+    (lambda: ml.Surface(VERTICES, FACES[:, ::-1]), "must be counterclockwise from outside.*faces\\[:, ::-1\\]"),
+    (lambda: ml.Surface(VERTICES, np.vstack([FACES[:1, ::-1], FACES[1:]])), "must be oriented consistently, but 3"),
     (lambda: ml.Surface(VERTICES, FACES + 1), "vertices 0 to 7, got 1 to 8; OBJ files count from 1"),
     (lambda: ml.Surface(VERTICES, np.zeros((6, 4), int)), "divide larger faces into triangles"),
     (lambda: ml.Surface(VERTICES * np.array([1.0, 1, np.nan]), FACES), "vertices must be finite"),
@@ -338,12 +272,6 @@ WRONG = [
     (lambda: ml.Surface.box(2.0), "lengths must be .3,."),
     (lambda: ml.Surface(*TETRAHEDRON).body(1.0), "origin must be the centre of mass.*surface.centred"),
     (lambda: Brightness(VERTICES, [1.0, 0, 0], [1.0, 0, 0], LAMBERT), "surface must be a midlie_jax.S"),
-]
-BOX = ml.Surface.box([1.0, 2.0, 3.0])
-X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
-NOTHING, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
-PAIR = ml.CoupledState(NOTHING, UPRIGHT, NOTHING, NOTHING)
-WRONG += [
     (lambda: Brightness(BOX, 2 * Z, Z, LAMBERT), "sun must be a unit vector"),
     (lambda: Brightness(BOX, Z, Z, ml.asteroids.Lambert), "law must be a law and not its class: write Lambert"),
     (lambda: Brightness(BOX, Z, Z, LAMBERT, albedo=-1.0), "albedo must be finite and not neg"),
@@ -351,13 +279,7 @@ WRONG += [
     (lambda: Brightness(BOX, Z, X, LAMBERT)(0.0, PAIR), r"Brightness must have the state of one.*of_body\(i"),
     (lambda: ml.asteroids.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
     (lambda: Brightness(BOX, Z, X, LAMBERT)(0.0, ml.MomentumState([1.0, 0, 0])), "no direction"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "message"), WRONG)
-def test_what_is_wrong_is_named_with_its_cure(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        wrong()
+)
 
 
 def test_a_missing_trimesh_is_named_with_its_extra(monkeypatch, tmp_path):

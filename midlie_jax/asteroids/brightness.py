@@ -42,24 +42,17 @@ class Scattering(eqx.Module):
     are positive.
 
     Examples:
-        >>> class Minnaert(ml.asteroids.Scattering):  # of your own
+        >>> class Minnaert(ml.asteroids.Scattering):  # of your own, for ml.asteroids.Brightness
         ...     k: float
         ...     def __call__(self, mu, mu0):
         ...         return mu0**self.k * mu**self.k
-        >>> cube, state = ml.Surface.box([2.0, 2.0, 2.0]), ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
-        >>> light = ml.asteroids.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=Minnaert(2.0))
-        >>> round(float(light(0.0, state)), 6)  # 4 * 0.6^2
-        1.44
+        >>> Minnaert(2.0)(jnp.array(0.5), jnp.array(1.0)).item()
+        0.25
     """
 
     @abstractmethod
     def __call__(self, mu: Array, mu0: Array) -> Array:
-        """The law.
-
-        Args:
-            mu: the cosine between the normal and the observer, ().
-            mu0: the cosine between the normal and the Sun, ().
-        """
+        """The law, of the cosines between the normal and the observer, mu, and the Sun, mu0, each ()."""
 
 
 class Lambert(Scattering):
@@ -140,10 +133,9 @@ class Light(Observable):
 class Brightness(Light):
     """The brightness of a surface: the sum of area albedo law over the facets that are lit and visible.
 
-    It has units of area for an albedo of one, up to the solar flux and the distances; or it is a magnitude, -2.5 log10
-    of it. Facets shadow and hide each other after `surface.with_shadows()`; otherwise the sum is exact for convex
-    surfaces, and others give a warning. It is called as `brightness(t, state)`, and can be passed as `observe`. Its
-    derivatives are correct where facets rotate into the dark.
+    It is an area times the albedo, up to the solar flux and the distances. Facets shadow and hide each other after
+    `surface.with_shadows()`; otherwise the sum is exact for convex surfaces, and others give a warning. It is called as
+    `brightness(t, state)`, and can be passed as `observe`. Derivatives are correct where facets rotate into the dark.
 
     Attributes:
         surface: the facets, in the frame of the body.
@@ -153,7 +145,7 @@ class Brightness(Light):
         law: a `Scattering`, such as `Lambert()` or `LommelSeeliger(lambert=0.1)`.
         albedo: () or one per facet, (n,), not negative.
         phase: None, or a factor as a function of the phase angle in radians, `phase(angle) -> ()`.
-        magnitude: whether the result is in magnitudes; it is infinite where nothing is visible.
+        magnitude: whether the result is -2.5 log10 of the brightness; it is infinite where nothing is visible.
 
     Raises:
         ValueError: the surface is no `Surface`, a direction is no unit vector, the law cannot be called, or an albedo
@@ -212,9 +204,8 @@ _NONE = 1e-30  # the square of a sine below this counts as zero
 class EllipsoidBrightness(Light):
     """The brightness of a sunlit ellipsoid for the Lommel-Seeliger law, in closed form.
 
-    `Brightness(Surface.ellipsoid(semi_axes), sun, observer, LommelSeeliger())` converges to it with the number of
-    facets; it needs the run time of a few facets. It is smooth. For a sum over facets the derivative jumps where a
-    facet rotates into the dark. A fit then takes more steps, and its intervals are too narrow if there are few facets.
+    It needs the run time of a few facets, and is smooth. For a sum over facets the derivative jumps where a facet
+    rotates into the dark. A fit then takes more steps, and its intervals are too narrow if there are few facets.
 
     With s and o, the directions of Sun and observer divided by the semi-axes, component by component, and v = s + o,
     the brightness is pi/2 a b c |s| |o| / |v| (cos l + cos m + sin l sin m ln(tan(l/2) tan(m/2))), where l and m are
@@ -230,8 +221,7 @@ class EllipsoidBrightness(Light):
 
     Examples:
         >>> light = ml.asteroids.EllipsoidBrightness([3.0, 2.0, 1.0], sun=[1.0, 0.0, 0.0], observer=[0.0, 1.0, 0.0])
-        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
-        >>> round(float(light(0.0, state)), 4)  # in a run: as observe
+        >>> round(float(light(0.0, ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]))), 4)
         1.4293
     """
 
@@ -242,29 +232,28 @@ class EllipsoidBrightness(Light):
         self._view(sun, observer, phase, magnitude)
 
     def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
-        return _intensity(cp.vector(self.semi_axes), sun, observer)
-
-
-def _intensity(axes: cp.Vector, sun: cp.Vector, observer: cp.Vector) -> Array:
-    """The formula of `EllipsoidBrightness` without angles: |s x v| = |o x v| = |s x o|."""
-    length, per_length = unit(cp.largest(axes))  # powers of two: squares of inverse axes stay within the dtype
-    a, b, c = cp.scale(per_length, axes)
-    s, o = ((x / a, y / b, z / c) for x, y, z in (sun, observer))
-    v, across = cp.add(s, o), cp.cross(s, o)
-    s2, o2, v2, square = (cp.dot(u, u) for u in (s, o, v, across))
-    # Opposite to the Sun the bright edge is thinner than the rounding error of v; there it counts as dark.
-    apart = v2 > s2 * float(jnp.finfo(v2.dtype).eps) ** (2 / 3)
-    v2 = jnp.where(apart, v2, jnp.ones_like(v2))
-    sizes, dots = (jnp.sqrt(s2 * v2), jnp.sqrt(o2 * v2)), (cp.dot(s, v), cp.dot(o, v))
-    # On the line through both directions the logarithm is infinite, but not its product with |s x o|^2.
-    bent = apart & (square > _NONE * s2 * o2)
-    product = jnp.where((dots[0] < 0) | (dots[1] < 0), jnp.ones_like(square), square)
-    for size, dot in zip(sizes, dots, strict=True):
-        # tan(l/2) without cancellation, up to the factor |s x o| or its inverse. Only one angle can be obtuse.
-        product = product * jnp.where(dot < 0, size - dot, 1 / jnp.where(bent, size + jnp.abs(dot), jnp.ones_like(dot)))
-    logarithm = jnp.log(jnp.where(bent, product, jnp.ones_like(product)))
-    cosines = jnp.sqrt(o2) * dots[0] + jnp.sqrt(s2) * dots[1]
-    return length * (np.pi / 2 * a * b * c / v2 * (cosines + square / jnp.sqrt(v2) * logarithm)) * length
+        # Without angles, because |s x v| = |o x v| = |s x o|; in powers of two, so that squares of inverse axes stay
+        # within the dtype.
+        axes = cp.vector(self.semi_axes)
+        length, per_length = unit(cp.largest(axes))
+        a, b, c = cp.scale(per_length, axes)
+        s, o = ((x / a, y / b, z / c) for x, y, z in (sun, observer))
+        v, across = cp.add(s, o), cp.cross(s, o)
+        s2, o2, v2, square = (cp.dot(u, u) for u in (s, o, v, across))
+        # Opposite to the Sun the bright edge is thinner than the rounding error of v; there it counts as dark.
+        apart = v2 > s2 * float(jnp.finfo(v2.dtype).eps) ** (2 / 3)
+        v2 = jnp.where(apart, v2, jnp.ones_like(v2))
+        sizes, dots = (jnp.sqrt(s2 * v2), jnp.sqrt(o2 * v2)), (cp.dot(s, v), cp.dot(o, v))
+        # On the line through both directions the logarithm is infinite, but not its product with |s x o|^2.
+        bent = apart & (square > _NONE * s2 * o2)
+        one = jnp.ones_like(square)
+        product = jnp.where((dots[0] < 0) | (dots[1] < 0), one, square)
+        for size, dot in zip(sizes, dots, strict=True):
+            # tan(l/2) without cancellation, up to the factor |s x o| or its inverse. Only one angle can be obtuse.
+            product = product * jnp.where(dot < 0, size - dot, 1 / jnp.where(bent, size + jnp.abs(dot), one))
+        logarithm = jnp.log(jnp.where(bent, product, one))
+        cosines = jnp.sqrt(o2) * dots[0] + jnp.sqrt(s2) * dots[1]
+        return length * (np.pi / 2 * a * b * c / v2 * (cosines + square / jnp.sqrt(v2) * logarithm)) * length
 
 
 SPEED_OF_LIGHT = 299792458.0  # m/s
@@ -352,9 +341,9 @@ class Sunlight(Torque):
     def _columns(self) -> tuple[Array, ...]:
         """For each facet n, A (1 - s) times the centroid, the lever of n, 2/3 A (...), 2 A s, and A (1 - s)."""
         surface = self.surface
-        specular = of_facets("specular", self.specular, surface)
-        diffuse = of_facets("diffuse", self.diffuse, surface)
-        thermal = of_facets("thermal", self.thermal, surface)
+        specular, diffuse, thermal = (
+            of_facets(name, getattr(self, name), surface) for name in ("specular", "diffuse", "thermal")
+        )
         normals, centroids = cp.vector(surface.normals), cp.vector(surface.centroids)
         taken = surface.areas * (1 - specular)
         spread = 2 / 3 * surface.areas * (diffuse + thermal * (1 - specular - diffuse))

@@ -12,6 +12,7 @@ The moments of a homogeneous ellipsoid: MacMillan, The Theory of the Potential (
 Mech. Dyn. Astron. 100 (2008) 319.
 """
 
+from functools import partial
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -135,32 +136,23 @@ def _moments(name: str, value: Any, degree: int) -> Array:
         raise ValueError(f"{name} must be (N,{' 3,' * degree}), got {moments.shape}.")
     if not cp.is_traced(moments):
         numbers = np.asarray(moments)
-        for axis in range(1, degree):
-            if not np.allclose(
-                numbers, np.swapaxes(numbers, axis, axis + 1), rtol=1e-5, atol=1e-5 * np.abs(numbers).max()
-            ):
-                raise ValueError(f"{name} must be symmetric in its last {degree} axes; integrate x_i x_j ... .")
+        close = partial(np.allclose, numbers, rtol=1e-5, atol=1e-5 * np.abs(numbers).max())
+        if not all(close(np.swapaxes(numbers, axis, axis + 1)) for axis in range(1, degree)):
+            raise ValueError(f"{name} must be symmetric in its last {degree} axes; integrate x_i x_j ... .")
     return moments
 
 
 class _Body(NamedTuple):
-    """One body, in its principal axes.
-
-    Attributes:
-        attitude: takes components in the principal axes to space.
-        second: the moments of degree 2, the integrals of x_i^2; trace is their sum.
-        third, fourth: moments of higher degree, in the frame of the user, or None.
-        frame: takes components in the principal axes to the frame of the user; None if both agree.
-    """
+    """One body, in its principal axes."""
 
     mass: Array
     position: cp.Vector
-    attitude: cp.Quaternion
-    second: cp.Vector
-    trace: Array
-    third: Array | None
+    attitude: cp.Quaternion  # takes components in the principal axes to space
+    second: cp.Vector  # the moments of degree 2, the integrals of x_i^2
+    trace: Array  # their sum
+    third: Array | None  # in the frame of the user
     fourth: Array | None
-    frame: cp.Quaternion | None
+    frame: cp.Quaternion | None  # takes components in the principal axes to the frame of the user; None if both agree
 
     @classmethod
     def of(cls, torque: MutualGravity, state: Any, body: FreeBody, i: int) -> "_Body":
@@ -184,9 +176,8 @@ class _Body(NamedTuple):
     ) -> "list[tuple[int, float, Array, cp.Vector]]":
         """The terms of this body alone: degree, factor, <|x/r|^n P_n> without the factor, and its gradient with u.
 
-        u is the unit vector between the bodies, in the principal axes of this one. `inverse`, 1/r, multiplies the
-        moments, because their powers alone may exceed the range of the dtype. For the first body, sign is 1 and d = a;
-        for the second -1.
+        u is the unit vector between the bodies, in the principal axes of this one. 1/r multiplies the moments, because
+        their powers alone may exceed the range of the dtype. The sign is 1 for the first body and -1 for the second.
         """
         square = inverse * inverse
         terms = list[tuple[int, float, Array, cp.Vector]]()
@@ -266,8 +257,7 @@ class _Pair:
 
     def load(self) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
         """The force on the second body in space, and the torques on both, each in its principal axes."""
-        of_first, torque = self._own(*self._each()[0])
-        of_second, other_torque = self._own(*self._each()[1])
+        (of_first, torque), (of_second, other_torque) = (self._own(*each) for each in self._each())
         weight = self.G * self.inverse
         pull = cp.scale(-weight * self.inverse * self.first.mass * self.second.mass, self.u)
         force = cp.add(pull, cp.add(of_first, cp.rotate(self.between, of_second)))
@@ -297,9 +287,8 @@ class _Pair:
     def _both(self) -> tuple[Array, cp.Vector, cp.Vector]:
         """The term of degree 4 with the second moments A, B of both bodies, without the factor 1/8.
 
-        It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u; here
-        with moments per mass and r^2. Also its gradient with u, and its derivative with a rotation of the first body,
-        in whose axes all are.
+        It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u, and
+        moments per mass and r^2. Also its gradient with u, and its derivative with a rotation of the first body.
         """
         square = self.inverse * self.inverse
         factors = [square * cp.reciprocal(body.mass) for body in (self.first, self.second)]

@@ -75,10 +75,10 @@ class Photometry(Recorded):
         ...     return ml.asteroids.EllipsoidBrightness(values["semi_axes"], sun, observer)
         >>> seen = ml.asteroids.Photometry(
         ...     np.arange(4.0), [15.1, 15.3, 16.2, 16.0], 0.02, light, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0],
-        ...     night=["first", "first", "second", "second"], light_time=0.01,
+        ...     night=["first", "first", "second", "second"],
         ... )  # for ml.fit
-        >>> seen.nights, seen.times[0].item()
-        (('first', 'second'), -0.01)
+        >>> seen.nights
+        ('first', 'second')
     """
 
     light: Callable[..., Any]

@@ -42,8 +42,8 @@ class SolarTide(ReadsBody):
         >>> tide = ml.asteroids.SolarTide(orbit, 1.327e20)
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), mass=2.0)
         >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1e3, 0.0, 0.0])
-        >>> float(tide.on(body)(0.0, state).force[0] / (2 * 2.0 * 1.327e20 / 1.5e11**3 * 1e3)).__round__(12)
-        1.0
+        >>> round(1e12 * float(tide.on(body)(0.0, state).force[0]), 4)  # 2 m mu/d^3 x
+        157.2741
     """
 
     orbit: Orbit | Callable[[Any], Array]
@@ -106,12 +106,10 @@ class TidalDissipation(ReadsBody):
     Examples:
         >>> pair = ml.FreeBody(ml.RigidBody([[0.4, 0.4, 0.4], [0.004, 0.004, 0.004]]), mass=[1.0, 0.01])
         >>> friction = ml.asteroids.TidalDissipation(1.0, lag=[0.01, 0.0], radius=[1.0, 0.2])
-        >>> spin, upright = [[0.0, 0.0, 0.4], [0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0, 0.0]] * 2
-        >>> still = jnp.zeros((2, 3))
+        >>> spin, upright, still = [[0.0, 0.0, 0.4], [0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0, 0.0]] * 2, jnp.zeros((2, 3))
         >>> state = ml.CoupledState(spin, upright, linear=still, position=[[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-        >>> wrench = friction.on(pair)(0.0, state)  # slows the spin, and pushes the other body forward
-        >>> float(wrench.torque[0, 2]).__round__(12) == -3e-6 / 2**6, float(wrench.force[1, 1]) > 0
-        (True, True)
+        >>> round(2**6 * float(friction.on(pair)(0.0, state).torque[0, 2]), 12)  # slows the spin
+        -3e-06
     """
 
     G: Float[Array, "*batch"]
@@ -138,10 +136,7 @@ class TidalDissipation(ReadsBody):
         attitudes = [cp.quaternion(state.attitude[i]) for i in range(n)]
         places = [cp.vector(state.position[i]) for i in range(n)]
         speeds = [cp.scale(1 / one.mass, cp.vector(state.linear[i])) for i, one in enumerate(bodies)]
-        spins = [
-            cp.rotate(q, cp.vector(one.body.velocity(state.momentum[i])))
-            for i, (one, q) in enumerate(zip(bodies, attitudes, strict=True))
-        ]
+        spins = [cp.rotate(attitudes[i], cp.vector(bodies[i].body.velocity(state.momentum[i]))) for i in range(n)]
         zero = jnp.zeros_like(state.position[0, 0])
         torques: list[cp.Vector] = [(zero, zero, zero)] * n
         forces = list(torques)

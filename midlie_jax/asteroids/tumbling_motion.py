@@ -6,6 +6,8 @@ L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha, M. A'Hearn
 Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173 (2005) 108 and 233 (2014) 48.
 """
 
+from contextlib import suppress
+from itertools import product
 from math import pi
 from typing import Any, NamedTuple
 
@@ -33,23 +35,22 @@ _MODES = ("short", "long")
 
 
 class Tumble(NamedTuple):
-    """The result of `tumble`: how a body tumbles at a state.
+    """How a body tumbles at a state, from `tumble`.
 
     - The *pole* is the direction of the angular momentum L, fixed in space.
     - *Short-axis mode* (SAM): L circles the axis of the largest moment in the body frame. *Long-axis mode* (LAM): L
       circles the axis of the smallest moment. The time of one circuit is the rotation period, P_psi.
     - The *precession periods*, P_phi, are the mean times in which the short or the long axis circles L in space. In
-      both modes 1 / P_short = 1 / P_long + 1 / P_psi. Light curves show frequencies such as 2 / P_short and 2 / P_long,
-      so a published pair (P_phi, P_psi) may mean either axis and either mode: see `tumblings`.
+      both modes 1 / P_short = 1 / P_long + 1 / P_psi. A published pair (P_phi, P_psi) may mean either axis and either
+      mode: see `tumblings`.
     - The *phases* (s, phi): s is the share of the rotation period since L had no component along the middle axis and
       positive ones along the other two; phi is the angle about the pole.
 
     Attributes:
-        short_axis: whether the momentum circles the axis of the largest moment; otherwise the axis of the smallest.
+        short_axis: whether the motion is in short-axis mode.
         energy_ratio: 2 E Ic / |L|^2, the energy relative to a rotation about the short axis with the same momentum, at
             least 1.
-        short_axis_period, long_axis_period: mean precession periods about the momentum of the axis of the largest
-            moment and of the axis of the smallest moment, time.
+        short_axis_period, long_axis_period: the precession periods of these axes, time.
         rotation_period: of the momentum in the body, time.
         effective_rate: 2 E / |L|, the mean angular velocity along the momentum, radians/time.
         momentum: |L|.
@@ -62,9 +63,8 @@ class Tumble(NamedTuple):
         >>> toutatis = ml.RigidBody([3.0836, 3.235, 1.0])  # 8 December 1992 (Astron. J. 146 (2013) 95), days
         >>> rates, angles = jnp.deg2rad(jnp.array([[14.5, 33.7, -98.5], [147.5, 63.9, 241.5]]))
         >>> start = ml.RigidState(toutatis.momentum(rates), ml.so3.from_euler(angles, "ZXZ"))
-        >>> found = ml.asteroids.tumble(toutatis, start)
-        >>> bool(found.short_axis), found.rotation_period.round(4), found.long_axis_period.round(4)
-        (False, Array(5.3804, dtype=float64), Array(7.3996, dtype=float64))
+        >>> ml.asteroids.tumble(toutatis, start).rotation_period.round(4)
+        Array(5.3804, dtype=float64)
     """
 
     short_axis: Bool[Array, "*batch"]
@@ -147,8 +147,7 @@ def tumbling(
         axis: the axis of this precession: "short", of the largest moment, or "long", of the smallest.
         pole: the direction of the angular momentum in space, (3,), of any nonzero length.
         phases: (s, phi), s as a fraction of the rotation period, phi in radians.
-        mode: "short" if the momentum circles the axis of the largest moment, "long" for the axis of the smallest; None
-            if only one mode allows these periods. Required for traced numbers.
+        mode: "short" or "long"; None if only one mode allows these periods. Required for traced numbers.
 
     Returns:
         The state. Where the numbers are traced and no motion has these periods, it is NaN.
@@ -162,8 +161,8 @@ def tumbling(
         >>> start = ml.asteroids.tumbling(
         ...     body, precession_period=3.9, rotation_period=10.0, axis="short", pole=[0.0, 0.0, 1.0], phases=(0.1, 0.0)
         ... )
-        >>> ml.asteroids.tumble(body, start).rotation_period.round(4), ml.observe.spatial_momentum(start)[2].round(4)
-        (Array(10., dtype=float64), Array(2.1594, dtype=float64))
+        >>> ml.asteroids.tumble(body, start).rotation_period.round(4)
+        Array(10., dtype=float64)
     """
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):
@@ -210,12 +209,9 @@ def tumblings(
     """
     found: dict[tuple[str, str], RigidState] = {}
     given = {"precession_period": precession_period, "rotation_period": rotation_period}
-    for mode in _MODES:
-        for about in _MODES if axis is None else (axis,):
-            try:
-                found[mode, about] = tumbling(body, **given, axis=about, pole=pole, phases=phases, mode=mode)
-            except _ImpossibleError:
-                continue
+    for mode, about in product(_MODES, _MODES if axis is None else (axis,)):
+        with suppress(_ImpossibleError):
+            found[mode, about] = tumbling(body, **given, axis=about, pole=pole, phases=phases, mode=mode)
     return found
 
 
@@ -249,7 +245,7 @@ def _start_of(
 
 
 def tumble(body: Body, state: AnyState) -> Tumble:
-    """How a body would tumble without torque: mode, energy ratio, periods, effective rate, pole and phases.
+    """How a body would tumble without torque.
 
     Differentiable. `short_axis` changes at the separatrix, the energy of a rotation about the axis of the middle moment
     I2. There the rotation period is infinite, and both precession periods are 2 pi I2 / |L|. For a body with two equal
@@ -267,9 +263,8 @@ def tumble(body: Body, state: AnyState) -> Tumble:
 
     Examples:
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])
-        >>> found = ml.asteroids.tumble(body, ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0]))
-        >>> bool(found.short_axis), found.energy_ratio.round(4), found.rotation_period.round(3)
-        (True, Array(1.0099, dtype=float64), Array(10.341, dtype=float64))
+        >>> ml.asteroids.tumble(body, ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0])).rotation_period.round(3)
+        Array(10.341, dtype=float64)
     """
     check_state("state", state)
     check_body(body, state)
@@ -331,9 +326,7 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
 
 
 def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Array]]:
-    """The moments in ascending order in units of a power of two, the indices of their axes, 1 if these are
-    right-handed, else -1, and the unit with its inverse.
-    """
+    """The ascending moments in units of a power of two, the indices of their axes, their hand, the unit and 1/unit."""
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
     largest = power_of_two(moments[2])
@@ -347,14 +340,6 @@ def _further_turns(axis: str, mode: str) -> int:
     return (mode == "short") - (axis == "short")
 
 
-def _least_turns(moments: cp.Vector, short: bool) -> Any:
-    """The circuits of this axis per rotation period near the steady rotation; infinity if there is no such mode."""
-    a, b, c = (np.asarray(x, np.float64) for x in (moments if short else moments[::-1]))
-    with np.errstate(divide="ignore"):
-        ratio = 1 / np.sqrt((c - a) * (c - b) / (a * b))
-    return ratio + 1 if short else ratio - 1
-
-
 def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> str:
     if mode is not None and mode not in _MODES:
         raise ValueError(f'mode must be "short", "long" or None, got {shown(mode)}.')
@@ -363,7 +348,11 @@ def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> s
             raise ValueError('mode must be "short" or "long" where body or periods are traced.')
         return mode
     ratio = np.asarray(turns, np.float64)
-    least = {name: _least_turns(moments, name == "short") - _further_turns(axis, name) for name in _MODES}
+    least: dict[str, Any] = {}  # near the steady rotation; infinite if there is no such mode
+    for name, further in (("short", 1), ("long", -1)):
+        a, b, c = (np.asarray(x, np.float64) for x in (moments if name == "short" else moments[::-1]))
+        with np.errstate(divide="ignore"):
+            least[name] = 1 / np.sqrt((c - a) * (c - b) / (a * b)) + further - _further_turns(axis, name)
     can = {name: bool(np.all(ratio >= least[name])) for name in _MODES}
     able = [name for name in _MODES if can[name]]
     if mode is None and len(able) == 2:

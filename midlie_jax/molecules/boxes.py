@@ -43,10 +43,8 @@ class Pressure(Observable):
 
     Examples:
         >>> dilute = ml.molecules.PairForces([[0.0, 0.0, 0.0]], box=3.0, cutoff=1.0, sigmas=[0.34], epsilons=[0.996])
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 40.0)
-        >>> upright = jnp.tile(jnp.array([1.0, 0, 0, 0]), (2, 1))
-        >>> far = jnp.zeros((2, 3)).at[1, 0].set(1.5)
-        >>> gas = ml.CoupledState(jnp.zeros((2, 3)), upright, linear=jnp.ones((2, 3)), position=far)
+        >>> body, far = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 40.0), [[0.0, 0.0, 0.0], [1.5, 0.0, 0.0]]
+        >>> gas = ml.CoupledState(jnp.zeros((2, 3)), [[1.0, 0, 0, 0]] * 2, linear=jnp.ones((2, 3)), position=far)
         >>> found = ml.molecules.Pressure().of(jnp.array(0.0), gas, body, dilute.listed(gas))
         >>> (found * 27 * 3 * 40).round(6)  # of an ideal gas: the sum of p^2/m over 3 V
         Array(6., dtype=float64)
@@ -76,10 +74,10 @@ def integrate(
     observe: Any = None,
     bath: HeatBath | None = None,
 ) -> Path[Any]:
-    """Integrates molecules under `PairForces` and keeps their list of neighbours up to date.
+    """Like `midlie_jax.integrate`, for molecules under `PairForces`; keeps their list of neighbours up to date.
 
-    Like `midlie_jax.integrate`, but the compiled runs end where a list gets too old. It works outside of `jax.jit` and
-    derivatives only; inside them use `midlie_jax.integrate` with `forces.listed(start)`.
+    It works outside of `jax.jit` and derivatives only; inside them use `midlie_jax.integrate` with
+    `forces.listed(start)`.
 
     Args:
         method, body, start, dt, steps, save_every, t0, observe, bath: as for `midlie_jax.integrate`.
@@ -96,13 +94,10 @@ def integrate(
 
     Examples:
         >>> argon = ml.molecules.PairForces([[0.0, 0.0, 0.0]], box=3.0, cutoff=1.0, sigmas=[0.34], epsilons=[0.996])
-        >>> body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 40.0)
-        >>> upright = jnp.tile(jnp.array([1.0, 0, 0, 0]), (2, 1))
-        >>> still = jnp.zeros((2, 3))
-        >>> pair = ml.CoupledState(still, upright, linear=still, position=still.at[1, 0].set(0.4))
-        >>> path = ml.molecules.integrate("JACOBI[EA]", body, argon, pair, dt=0.002, steps=500, save_every=50)
-        >>> bool(path.ok), path.states.position.shape
-        (True, (11, 2, 3))
+        >>> body, still = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 40.0), jnp.zeros((2, 3))
+        >>> pair = ml.CoupledState(still, [[1.0, 0, 0, 0]] * 2, linear=still, position=still.at[1, 0].set(0.4))
+        >>> bool(ml.molecules.integrate("JACOBI[EA]", body, argon, pair, dt=0.002, steps=500, save_every=50).ok)
+        True
     """
     if is_traced(body, torque, start, dt, t0, bath):
         raise ValueError(
@@ -140,15 +135,14 @@ def integrate(
             if not then.ok:
                 lists.renew(state, number // 2)
 
-    values, times, ok = [seen(end.time, end.state)], [end.time], [bool(end.ok)]
+    rows = [(seen(end.time, end.state), end.time, bool(end.ok))]
     for _ in range(steps // every):
-        value = values[-1]
+        value = rows[-1][0]
         if end.ok:
             end = advance(end.carry, end.state)
             value = seen(end.time, end.state)
-        values.append(value)
-        times.append(end.time)
-        ok.append(bool(end.ok))
+        rows.append((value, end.time, bool(end.ok)))
+    values, times, ok = zip(*rows, strict=True)
     stacked, good = jax.tree.map(lambda *x: jnp.stack(x), *values), np.asarray(ok)
     if isinstance(observe, Series):
         stacked = observe.of_bodies(

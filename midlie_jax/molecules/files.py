@@ -46,10 +46,10 @@ class Molecules(NamedTuple):
 
 
 def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options: Any) -> Molecules:
-    """Reads molecules of `atoms` consecutive atoms each.
+    """Reads molecules of `atoms` consecutive atoms each, all of the shape of the first.
 
-    All molecules have the shape of the first, which is linear if its atoms are on a line to 0.002 nm. A molecule that
-    crosses the border of a periodic box is joined at its first atom. Only the rigid part of the velocities is used.
+    They are linear if its atoms are on a line to 0.002 nm. A molecule that crosses the border of a periodic box is
+    joined at its first atom. Only the rigid part of the velocities is used.
 
     Args:
         file: in any format of ase, with positions in the units that ase assumes.
@@ -57,9 +57,6 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
         masses: of the atoms of a molecule, (atoms,), amu; by default the masses of their elements. Required for
             LAMMPS data without a section Masses, where they also determine the elements.
         options: for `ase.io.read`, such as format="lammps-data", units="real".
-
-    Returns:
-        Body, points, start, box and symbols.
 
     Raises:
         ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
@@ -69,25 +66,27 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     Examples:
         >>> from ase.build import molecule
         >>> molecule("H2O").write("water.xyz")
-        >>> water = ml.molecules.read("water.xyz", atoms=3)
-        >>> water.symbols, water.points.shape, water.start.position.shape
-        (['O', 'H', 'H'], (3, 3), (1, 3))
+        >>> ml.molecules.read("water.xyz", atoms=3).symbols
+        ['O', 'H', 'H']
     """
     try:
-        from ase import io, units
+        from ase import data, io, units
     except ImportError as error:
         raise ImportError("reading molecules needs ase: pip install 'midlie_jax[molecules]'.") from error
     size = as_count("atoms", atoms)
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
         raise ValueError(f"{file} must have a multiple of {size} atoms, got {len(found)}. Correct atoms=.")
-    if _elements_unknown(found, options):
+    typed = "type" in found.arrays and np.array_equal(found.arrays["type"], found.numbers)
+    if typed and not found.has("masses") and options.get("Z_of_type") is None:
         if masses is None:
             raise ValueError(
                 f"{file} must have a section Masses, got type numbers that ase reads as elements "
                 f"({found[:size].symbols}). Pass masses, or Z_of_type={{1: 6, 2: 1}}."
             )
-        found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
+        given = np.resize(np.asarray(masses, float), len(found))
+        # The elements with the nearest masses, as ase finds them from a section Masses.
+        found.numbers = 1 + np.abs(given[:, None] - data.atomic_masses[1:]).argmin(axis=1)
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
         raise ValueError(f"the molecules must be equal and consecutive, but the elements of {file} do not repeat.")
@@ -95,22 +94,11 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     weights = np.asarray(found.get_masses()[:size] if masses is None else masses, float)
     places = np.asarray(found.get_positions()).reshape(-1, size, 3) * _NM_PER_ANGSTROM
     velocities = np.asarray(found.get_velocities()).reshape(-1, size, 3) * (1000 * units.fs * _NM_PER_ANGSTROM)
-    places = places[:, :1] + _nearest(places - places[:, :1], box)
+    edges, arms = np.where(box > 0, box, 1), places - places[:, :1]
+    places = places[:, :1] + (arms - np.where(box > 0, edges * np.round(arms / edges), 0))
     body, points = from_points(weights, _straight(places[0]))
     start = _start(weights, np.asarray(points), places, velocities, linear=isinstance(body.body, SymmetricRotor))
     return Molecules(body, points, start, box, symbols[:size])
-
-
-def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
-    typed = "type" in atoms.arrays and np.array_equal(atoms.arrays["type"], atoms.numbers)
-    return typed and not atoms.has("masses") and options.get("Z_of_type") is None
-
-
-def _nearest_elements(masses: np.ndarray) -> np.ndarray:
-    """The atomic numbers of the elements with the nearest masses, as ase finds them from a section Masses."""
-    from ase.data import atomic_masses
-
-    return 1 + np.abs(masses[:, None] - atomic_masses[1:]).argmin(axis=1)
 
 
 def _box(atoms: Any) -> np.ndarray:
@@ -118,11 +106,6 @@ def _box(atoms: Any) -> np.ndarray:
     if np.any(np.abs(cell - np.diag(np.diag(cell))) > 1e-9):
         raise ValueError("the box must be rectangular, with edges along x, y and z.")
     return np.where(atoms.get_pbc(), np.diag(cell), 0) * _NM_PER_ANGSTROM
-
-
-def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
-    edges = np.where(box > 0, box, 1)
-    return way - np.where(box > 0, edges * np.round(way / edges), 0)
 
 
 def _straight(places: np.ndarray) -> np.ndarray:
@@ -207,19 +190,14 @@ def write_xyz(
         lattice = 'Lattice="{:.10g} 0 0 0 {:.10g} 0 0 0 {:.10g}" '.format(*edges)
     with open(file, "w", encoding="utf-8") as out:
         for frame, time in enumerate(times):
-            rows = _rows(states, frame, points, scale)
-            out.write(f"{len(rows)}\n{lattice}Properties={columns} Time={time:.10g}\n")
-            for number, row in enumerate(rows):
-                out.write(f"{names[number % per_body]} {row}\n")
-
-
-def _rows(states: Any, frame: int, points: Any, scale: float) -> list[str]:
-    here = jax.tree.map(lambda x: x[frame], states)
-    if points is None:
-        w, *vector = np.asarray(here.attitude).T
-        numbers = np.column_stack([np.asarray(here.position) * scale, *vector, w])
-        return [" ".join(f"{x:.9g}" for x in row) for row in numbers]
-    places = np.asarray(sites(here, points)) * scale
-    return [
-        " ".join(f"{x:.9g}" for x in place) + f" {body + 1}" for body, group in enumerate(places) for place in group
-    ]
+            here = jax.tree.map(lambda x, frame=frame: x[frame], states)
+            if points is None:
+                w, *vector = np.asarray(here.attitude).T
+                numbers = np.column_stack([np.asarray(here.position) * scale, *vector, w])
+            else:
+                places = np.asarray(sites(here, points)) * scale
+                bodies = np.repeat(np.arange(1, len(places) + 1), per_body)
+                numbers = np.column_stack([places.reshape(-1, 3), bodies])
+            out.write(f"{len(numbers)}\n{lattice}Properties={columns} Time={time:.10g}\n")
+            for number, row in enumerate(numbers):
+                out.write(" ".join([names[number % per_body], *(f"{x:.9g}" for x in row)]) + "\n")

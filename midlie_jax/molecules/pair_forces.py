@@ -120,9 +120,6 @@ class PairForces(Torque):
             state: N molecules.
             skin: the distance beyond the cut-off up to which neighbours are listed.
             slots: the least number of slots; lists of one shape need one compilation.
-
-        Returns:
-            These forces with another list.
         """
         _check(state)
         near = Neighbours.of(sites(state, self.points), self.box, self.cutoff + skin, slots)

@@ -25,8 +25,8 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
     """The body made of point masses, and its points in the principal frame about the centre of mass.
 
     The moments ascend, and the principal axes are right-handed. In the order of the points, the first nonzero value of
-    the first and of the second coordinate is positive. The result therefore does not depend on the position and
-    orientation of the points as a whole. If two moments are equal, the axes in their plane are arbitrary.
+    the first and of the second coordinate is positive. The result does not depend on the position and orientation of
+    the points as a whole. If two moments are equal, the axes in their plane are arbitrary.
 
     Args:
         masses: of the points, (a,). A zero gives a site without mass, such as the charge of a TIP4P water.
@@ -45,8 +45,6 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
     Examples:
         >>> places = [[0.0, 0.0, 0.0], [0.08, 0.06, 0.0], [-0.08, 0.06, 0.0]]
         >>> water, points = ml.molecules.from_points([16.0, 1.0, 1.0], places)
-        >>> water.mass, points.shape
-        (Array(18., dtype=float64), (3, 3))
         >>> water.body.moments.round(6)
         Array([0.0064, 0.0128, 0.0192], dtype=float64)
     """

@@ -53,10 +53,9 @@ _EXCESS = tuple(
 class Rod(Torque):
     """The elastic forces of a rod, a chain of coupled bodies with e3 along it, for a `CoupledState`.
 
-    Body i is joined to body i + 1 by a link. With a clamp, one more link joins a frame fixed in space to the first
-    body. There are thus N - 1 links, or N with a clamp, whose link is the first. Energy is conserved; without a clamp,
-    so are linear and angular momentum. `midlie_jax.molecules.straight_rod` makes a rod from its length, radius and
-    material.
+    A link joins body i to body i + 1. With a clamp, one more link, the first, joins a frame fixed in space to the first
+    body. Energy is conserved; without a clamp, so are linear and angular momentum. `midlie_jax.molecules.straight_rod`
+    makes a rod from its length, radius and material.
 
     Attributes:
         length: of the links at rest, () or (links,), length.
@@ -111,15 +110,13 @@ class Rod(Torque):
     def _links(self, state: Any) -> "_Links":
         if not isinstance(state, CoupledState):
             raise ValueError(
-                "Rod acts on a chain of bodies that translate, but the state is a "
-                f"{type(state).__name__}; use a CoupledState of a FreeBody, for example from "
-                "midlie_jax.molecules.straight_rod."
+                f"Rod acts on a chain of bodies that translate, but the state is a {type(state).__name__}; use a "
+                "CoupledState of a FreeBody, for example from midlie_jax.molecules.straight_rod."
             )
         places, attitudes = state.position, state.attitude
         if self.clamp is not None:
-            place, attitude = self.clamp
-            places = jnp.concatenate([place[None], places])
-            attitudes = jnp.concatenate([attitude[None], attitudes])
+            pairs = zip(self.clamp, (places, attitudes), strict=True)
+            places, attitudes = (jnp.concatenate([held[None], free]) for held, free in pairs)
         count = len(places) - 1
         if count < 1:
             raise ValueError("Rod needs at least two bodies, or one and a clamp; the state holds one.")
@@ -201,20 +198,13 @@ _POISSON = 0.5  # the default of PyElastica
 
 
 class StraightRod(NamedTuple):
-    """A rod at rest, in the order of the arguments of `integrate`.
-
-    Attributes:
-        body: the bodies, from the first end to the other.
-        torque: the elastic forces between them.
-        start: all at rest.
+    """A rod at rest, in the order of the arguments of `integrate`, from its first end to the other.
 
     Examples:
-        >>> size = {"length": 1.0, "radius": 0.05, "density": 1000.0}
-        >>> rod = ml.molecules.straight_rod(
-        ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], youngs_modulus=1e6, **size
-        ... )
-        >>> rod.start.position.shape, round(float(rod.body.mass.sum()), 4)  # pi 0.05^2 1000
-        ((11, 3), 7.854)
+        >>> size = {"length": 1.0, "radius": 0.05, "density": 1000.0, "youngs_modulus": 1e6}
+        >>> rod = ml.molecules.straight_rod(10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], **size)
+        >>> round(float(rod.body.mass.sum()), 4)  # pi 0.05^2 1000
+        7.854
     """
 
     body: FreeBody
@@ -238,54 +228,44 @@ def straight_rod(
     """A straight elastic rod with a round cross section, unstressed and at rest.
 
     The rod has `elements` links of equal length and a body at each end of them, with e3 along the rod and e1 along the
-    normal: `elements` + 1 bodies, the first and the last at the ends of the rod. A clamp holds the first of them, which
-    is then not a body of the state. Each body has the mass nearest to it and the moments of a cylinder as long as a
-    link; bodies at free ends have half of both. Errors decrease with the square of the number of elements.
+    normal. A clamp holds the first of the `elements` + 1 bodies, which is then not a body of the state. Each body has
+    the mass nearest to it and the moments of a cylinder as long as a link; bodies at free ends have half of both.
+    Errors decrease with the square of the number of elements.
 
     The stiffest motion limits the step: keep dt below half the time in which sound, of speed sqrt(E/density), passes an
-    element. The moments along the rod exclude much faster motions of slender rods.
+    element.
 
     Args:
         elements: the number of links.
         start: position of the first end in space, (3,).
-        direction: unit vector along the rod, (3,).
-        normal: unit vector across it, (3,).
-        length: of the rod, ().
-        radius: of its cross section, ().
-        density: mass over volume, ().
+        direction, normal: unit vectors along the rod and across it, (3,).
+        length, radius, density: of the rod, of its cross section, and mass over volume, ().
         youngs_modulus: E, (), force/length^2.
         shear_modulus: G, (), force/length^2; by default E/3, for an incompressible material.
-        clamped: whether the first end is held, with its direction. By default both ends are free.
-
-    Returns:
-        The body, the torque and the start: `body, torque, start = straight_rod(...)`.
+        clamped: whether the first end is held, with its direction.
 
     Raises:
         ValueError: `elements` is not a positive int; a size or modulus is not positive; direction and normal are not
             orthogonal unit vectors.
 
     Examples:
-        >>> rod = ml.molecules.straight_rod(
+        >>> body, torque, start = ml.molecules.straight_rod(  # for integrate
         ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
         ...     length=1.0, radius=0.05, density=1000.0, youngs_modulus=1e6, clamped=True,
         ... )
-        >>> body, torque, start = rod  # for integrate
-        >>> start.position.shape, start.position[-1]
-        ((10, 3), Array([0., 0., 1.], dtype=float64))
+        >>> start.position.shape
+        (10, 3)
     """
     count = as_count("elements", elements)
     modulus = as_positive("youngs_modulus", youngs_modulus)
     shear = modulus / (2 * (1 + _POISSON)) if shear_modulus is None else as_positive("shear_modulus", shear_modulus)
     whole, thick, heavy = as_positive("length", length), as_positive("radius", radius), as_positive("density", density)
-    place, along, across = (
-        as_floats(name, value, (3,)) for name, value in (("start", start), ("direction", direction), ("normal", normal))
-    )
+    given = {"start": start, "direction": direction, "normal": normal}
+    place, along, across = (as_floats(name, value, (3,)) for name, value in given.items())
     for name, value in (("direction", along), ("normal", across)):
         require(name, value, is_unit, "must be a unit vector", "divide it by its norm.")
-    require(
-        "normal", jnp.sum(across * along), lambda x: np.abs(x) < 1e-3, "must be at right angles to direction",
-        "this is their dot product.",
-    )  # fmt: skip
+    right, cure = "must be at right angles to direction", "this is their dot product."
+    require("normal", jnp.sum(across * along), lambda x: np.abs(x) < 1e-3, right, cure)
     attitude = so3.from_matrix(jnp.stack([across, jnp.cross(along, across), along], axis=-1))
     piece = whole / count
     area, square = jnp.pi * thick**2, thick**2 / 4  # their product is the second moment of the cross section
@@ -294,12 +274,9 @@ def straight_rod(
     mass = heavy * piece * jnp.asarray(share, area.dtype) * area
     across = thick**2 / 4 + piece**2 / 12
     moments = mass[:, None] * jnp.stack([across, across, thick**2 / 2])[None]
-    torque = Rod(
-        piece,
-        jnp.stack([_SHEAR_FACTOR * shear * area, _SHEAR_FACTOR * shear * area, modulus * area]),
-        jnp.stack([modulus * area * square, modulus * area * square, 2 * shear * area * square]),
-        clamp=(place, attitude) if clamped else None,
-    )
+    stretch = jnp.stack([_SHEAR_FACTOR * shear * area, _SHEAR_FACTOR * shear * area, modulus * area])
+    bend = jnp.stack([modulus * area * square, modulus * area * square, 2 * shear * area * square])
+    torque = Rod(piece, stretch, bend, clamp=(place, attitude) if clamped else None)
     nodes = piece * jnp.arange(int(clamped), count + 1, dtype=piece.dtype)
     nothing = jnp.zeros((len(share), 3), piece.dtype)
     position = place[None] + nodes[:, None] * along[None]

@@ -37,11 +37,10 @@ from ..model.torques.travel import acts_on_one, travelling
 class PDControl(ReadsVelocity):
     """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * dOmega.
 
-    (w, v) is the quaternion of the rotation from the target to the attitude. For small errors 2 v is the rotation
-    vector of the error in the body frame; `sgn(w)` selects the shorter rotation to the target. dOmega is the angular
-    velocity relative to the target, whose own velocity is its exact derivative. A fixed target is stable for all
-    positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where
-    the error is pi.
+    (w, v) is the quaternion of the rotation from the target to the attitude; `sgn(w)` selects the shorter rotation.
+    dOmega is the angular velocity relative to the target, whose own velocity is its exact derivative. A fixed target is
+    stable for all positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque
+    jumps where the error is pi.
 
     Attributes:
         target: unit quaternion (w, x, y, z) that takes body components to space components, (4,); or a function of
@@ -82,30 +81,27 @@ class PDControl(ReadsVelocity):
         if state.several:
             raise acts_on_one(self)
         attitude, velocity = attitude_of(state), body.velocity(state.momentum)
-        target, change = self._aim(t, attitude)
+        target, change = self.target, None
+        if callable(target):
+            t = jnp.asarray(t, attitude.dtype)
+            target, change = jax.jvp(target, (t,), (jnp.ones_like(t),))
+            if jnp.shape(target) != (4,):
+                raise ValueError(f"target must return a quaternion (4,) at each time, got shape {jnp.shape(target)}.")
+            target = target.astype(attitude.dtype)
         error = so3.multiply(so3.conjugate(target), attitude)
         if change is not None:
-            of_target = 2 * so3.multiply(so3.conjugate(target), change)[..., 1:]
+            of_target = 2 * so3.multiply(so3.conjugate(target), change.astype(attitude.dtype))[..., 1:]
             velocity = velocity - so3.rotate(so3.conjugate(error), of_target)
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
         torque = -self.proportional * (factor * error[..., 1:]) - self.derivative * velocity
         return torque if self.limit is None else jnp.clip(torque, -self.limit, self.limit)
 
-    def _aim(self, t: Time, attitude: Array) -> tuple[Array, Array | None]:
-        if not callable(self.target):
-            return self.target, None
-        t = jnp.asarray(t, attitude.dtype)
-        target, change = jax.jvp(self.target, (t,), (jnp.ones_like(t),))
-        if jnp.shape(target) != (4,):
-            raise ValueError(f"target must return a quaternion (4,) at each time, got shape {jnp.shape(target)}.")
-        return target.astype(attitude.dtype), change.astype(attitude.dtype)
-
 
 class MomentumWheels(ReadsVelocity):
     """Wheels that spin at constant speed relative to the body, torque h x Omega: a gyrostat (Hughes, section 6.3).
 
-    The momentum of the state is I Omega, without the spin of the wheels. If no other torque acts, R (Pi + h) is
-    conserved, and so is the kinetic energy of the body, which `midlie_jax.observe.energy` returns.
+    The momentum of the state is I Omega, without the spin of the wheels. Without other torques, R (Pi + h) and the
+    kinetic energy of the body, which `midlie_jax.observe.energy` returns, are conserved.
 
     Attributes:
         momentum: angular momentum h of the wheels relative to the body, body frame, (3,). For an `AxisState` it must
@@ -116,8 +112,7 @@ class MomentumWheels(ReadsVelocity):
             `AxisState`.
 
     Examples:
-        >>> wheels = ml.spacecraft.MomentumWheels([1.0, 2.0, 4.0])
-        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> body, wheels = ml.RigidBody([2.0, 3.0, 4.0]), ml.spacecraft.MomentumWheels([1.0, 2.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
         >>> wheels.on(body)(0.0, state)  # h x Omega
         Array([-2.,  3., -1.], dtype=float64)
@@ -190,8 +185,8 @@ class Thrust(Torque):
     Examples:
         >>> engine = ml.spacecraft.Thrust(force=[0.0, 0.0, 2.0], lever=[0.5, 0.0, 0.0])
         >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
-        >>> engine(0.0, state).torque[1].item(), engine(0.0, state).force[2].item()  # lever x force; in space
-        (-1.0, 2.0)
+        >>> engine(0.0, state).torque[1].item()  # of lever x force
+        -1.0
     """
 
     force: Float[Array, "*batch 3"] | Callable[[Any], Array]
@@ -220,9 +215,9 @@ class DrivenWheels(eqx.Module):
     feels their reaction and the gyroscopic torque. The state has the momentum I Omega without the wheels, where I
     contains the masses of the wheels but not their moments J about the axes.
 
-    Each step exchanges momentum between body and wheels exactly. The total R (Pi + sum of h a) in space is therefore
-    constant to rounding without other torques, for every command, if the method conserves the momentum of a free body
-    (for a `TensorBody` to a few eps per step). The motion has an error of order 2.
+    Without other torques the total R (Pi + sum of h a) in space is constant to rounding for every command, if the
+    method conserves the momentum of a free body (for a `TensorBody` to a few eps per step). The motion has an error of
+    order 2.
 
     Attributes:
         axes: the axes of the wheels, body frame, (n, 3); scaled to unit length.
@@ -241,10 +236,9 @@ class DrivenWheels(eqx.Module):
         >>> body, start = ml.RigidBody([5.0, 4.0, 3.0]), ml.RigidState([0.1, -0.2, 0.1], [1.0, 0.0, 0.0, 0.0])
         >>> free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.1)
         >>> def sample(loop, _):
-        ...     carry, momenta = loop
-        ...     state = free.state(carry)
+        ...     state = free.state(loop[0])
         ...     wanted = 0.1 * state.attitude[1:] + 1.0 * body.velocity(state.momentum)  # on the wheels
-        ...     return wheels.advance(free, carry, momenta, wanted, 5), None
+        ...     return wheels.advance(free, *loop, wanted, 5), None
         >>> (carry, momenta), _ = jax.lax.scan(sample, (free.init(), jnp.zeros(3)), length=400)
         >>> end = free.state(carry)
         >>> jnp.round(ml.so3.rotate(end.attitude, end.momentum + momenta @ wheels.axes), 12)  # as at the start
@@ -288,9 +282,8 @@ class DrivenWheels(eqx.Module):
             stepper: of a body with a state that has an attitude. Its torque must not read the momentum.
             carry: from `stepper.init` or this function.
             momenta: the momenta h of the wheels, (n,).
-            command: motor torques on the wheels, (n,), constant in these steps. Reduced to `torque`.
-            steps: number of steps.
-            torque, body: as for `Stepper.advance`; for external torques that are held, such as magnetic torquers.
+            command: motor torques on the wheels, (n,), constant in these steps.
+            steps, torque, body: as for `Stepper.advance`; for torques that are held, such as magnetic torquers.
 
         Raises:
             ValueError: momenta or command of another shape, or momenta beyond the limit; several bodies or no attitude;

@@ -29,20 +29,17 @@ class GravityGradient(ReadsBody):
     """The gravity-gradient torque of a point mass on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
 
     It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state needs
-    an attitude: a `RigidState`, or a `FreeState`. The torque ignores the position of a `FreeState`; `PointMass` uses
-    it.
+    an attitude. The torque ignores the position of a `FreeState`; `PointMass` uses it.
 
     Attributes:
         moments: principal moments of the body, (3,); None for the inertia of the body of the run, which can then be a
             `TensorBody`.
-        orbit: the position r of the body relative to the attracting mass, `orbit(t) -> (3,)`, space frame, length: a
-            `midlie_jax.orbits.CircularOrbit`, a `KeplerOrbit`, or any callable.
+        orbit: the position r of the body relative to the attracting mass, `orbit(t) -> (3,)`, space frame, length.
         mu: gravitational parameter of the attracting mass, (), length^3/time^2.
 
     Raises:
         ValueError: moments not positive and of shape (..., 3), or mu not positive and finite; moments with a
-            `TensorBody`; an orbit of this package whose speeds do not fit mu, for example an orbit in kilometres with
-            mu in SI units.
+            `TensorBody`; an orbit of this package whose speeds do not fit mu, as in other units.
 
     Examples:
         >>> mu = 3.986e14  # of the Earth, m^3/s^2
@@ -72,8 +69,7 @@ class GravityGradient(ReadsBody):
 
     def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
         position = cp.vector(vector_at("orbit", self.orbit, t))
-        square = cp.dot(position, position)
-        inverse = 1 / jnp.sqrt(square)
+        inverse = 1 / jnp.sqrt(cp.dot(position, position))
         u = require_all_directions(state).seen_from_body(cp.scale(inverse, position))
         return 3 * self.mu * inverse * inverse * inverse, u
 
@@ -238,10 +234,10 @@ class FreeMolecularDrag(InAir):
         # Inside the sum, because products of areas, levers and squared speeds may exceed the range of the dtype.
         density = self.density(t) if callable(self.density) else self.density
         factor = -0.5 * jnp.asarray(density, square.dtype)
+        flow = factor, velocity, square, (wall * wall, wall)
         if self.thermal_speed is None:
-            return sum_over_rows(_cold, columns, (factor, velocity, square, (wall * wall, wall)), tables)
-        thermal = jnp.asarray(self.thermal_speed, square.dtype)
-        return sum_over_rows(_warm, columns, (factor, velocity, square, (wall * wall, wall), thermal), tables)
+            return sum_over_rows(_cold, columns, flow, tables)
+        return sum_over_rows(_warm, columns, (*flow, jnp.asarray(self.thermal_speed, square.dtype)), tables)
 
 
 def _cold(row: Any, argument: Any) -> tuple[cp.Vector, cp.Vector]:
@@ -266,8 +262,7 @@ def _on_facet(
 ) -> tuple[cp.Vector, cp.Vector]:
     """Torque and force of the incoming gas, -rho/2 m, and of the pressure of a gas at rest, -rho/2 c^2 Z / 2."""
     normal, centroid, area, accommodation = row[0:3], row[3:6], row[6], row[7]
-    away = _speed_away(square, accommodation, *wall)
-    push = _ROOT_OF_PI / 2 * away * met
+    push = _ROOT_OF_PI / 2 * _speed_away(square, accommodation, *wall) * met
     push = push if pressure is None else push + pressure
     force = cp.scale(area, cp.add(cp.scale(met, velocity), cp.scale(push, normal)))
     return cp.cross(centroid, force), force

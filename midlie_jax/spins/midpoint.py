@@ -76,8 +76,7 @@ class SphericalMidpoint(MidpointOnSphere):
 class LieMidpointOnSphere(MidpointOnSphere):
     """S1 = exp(h w) S0 with S' = w x S and w at right angles to m: the paper's midpoint rule, on the sphere.
 
-    A rotation by the angle |h w| is longer than the chord of `SphericalMidpoint`, and only the latter preserves areas:
-    a step changes a small area on the sphere by a relative amount of third order in h.
+    A step changes a small area on the sphere by a relative amount of third order in h.
     """
 
     name: str = eqx.field(static=True, default="Lie midpoint of spins")

@@ -24,10 +24,8 @@ class Spins(Unturned):
 
         S' = g B x S + g alpha S x (B x S),    B = -dH/dS,    g = gyromagnetic / (1 + alpha^2)
 
-    Without damping and with `gyromagnetic` 1 this is S' = S x dH/dS, Euler's equation of a rigid body with the energy
-    H(S) in place of its kinetic energy. Each spin precesses about its field B in the right-handed sense. For the
-    magnetisation M of an electron, micromagnetics writes M' = -gamma M x B, which is the same with gamma as
-    `gyromagnetic`.
+    Each spin precesses about its field B in the right-handed sense. For the magnetisation M of an electron,
+    micromagnetics writes M' = -gamma M x B, which is the same with gamma as `gyromagnetic`.
 
     Attributes:
         damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative.
@@ -45,8 +43,6 @@ class Spins(Unturned):
         >>> spins, field = ml.spins.Spins(damping=0.1), ml.spins.AppliedField([0.0, 0.0, 1.0])
         >>> chain = ml.spins.SpinState(jnp.tile(jnp.array([1.0, 0.0, 0.0]), (8, 1)))
         >>> path = ml.integrate("SUBLATTICES[EA]", spins, field, chain, dt=0.1, steps=100)
-        >>> path.states.spin.shape
-        (101, 8, 3)
         >>> path.states.spin[-1, 0, 2].round(4)  # tanh(10 alpha / (1 + alpha^2))
         Array(0.7574, dtype=float64)
     """
@@ -91,17 +87,15 @@ class Spins(Unturned):
 
 
 def require_lattice(name: str, value: Array | None, lattice: tuple[int, ...], own: tuple[int, ...] = ()) -> None:
-    """Raises unless a value is one for all spins of a lattice or one for each; `own` are its axes that belong to one
-    spin.
-    """
+    """Raises unless a value is one for all spins of a lattice or one for each; `own` are its axes for one spin."""
     if value is None:
         return
     axes = value.shape[: value.ndim - len(own)]
     fits = len(axes) <= len(lattice) and all(a in (1, n) for a, n in zip(axes[::-1], lattice[::-1], strict=False))
     if not fits or value.shape[len(axes) :] != own:
-        one = f"{own}, one for all spins," if own else "(), one for all spins,"
         raise ValueError(
-            f"{name} must be {one} or {(*lattice, *own)}, one for each on the lattice {lattice}, got {value.shape}."
+            f"{name} must be {own}, one for all spins, or {(*lattice, *own)}, one for each on the lattice {lattice}, "
+            f"got {value.shape}."
         )
 
 
@@ -119,9 +113,8 @@ def checkerboard(shape: tuple[int, ...]) -> np.ndarray:
     """The number 0 or 1 of each lattice site: the parity of the sum of its indices.
 
     Examples:
-        >>> ml.spins.checkerboard((2, 4)).tolist()
+        >>> ml.spins.checkerboard((2, 4)).tolist()  # the default of SUBLATTICES[...]
         [[0, 1, 0, 1], [1, 0, 1, 0]]
-        >>> spins = ml.spins.Spins(sublattices=ml.spins.checkerboard((64, 64)))  # the default of SUBLATTICES[...]
     """
     return np.indices(shape).sum(axis=0) % 2 if shape else np.zeros((), int)
 
@@ -147,8 +140,7 @@ class Spin(Flat, NoPose):
 
     @staticmethod
     def normalised(*arrays: Array) -> tuple[Array, ...]:
-        (spin,) = arrays
-        return (spin / jnp.linalg.norm(spin, axis=-1, keepdims=True),)
+        return (arrays[0] / jnp.linalg.norm(arrays[0], axis=-1, keepdims=True),)
 
 
 class OnLattice(Kind):
@@ -167,8 +159,7 @@ class OnLattice(Kind):
         return ()
 
     def join(self, momentum: Any, pose: Any) -> "SpinState":
-        (spin,) = self.packed(momentum, pose)
-        return SpinState.unchecked(spin=spin)
+        return SpinState.unchecked(spin=self.packed(momentum, pose)[0])
 
     def evaluate(
         self, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
@@ -189,11 +180,9 @@ class OnLattice(Kind):
 class SpinState(State):
     """Classical spins: three numbers each, no attitude.
 
-    The axes before the last one are the lattice: (3,) is one spin, (n, 3) a chain or n spins without a lattice, (n, m,
-    3) and (n, m, l, 3) are lattices of two and three dimensions.
-
     Attributes:
-        spin: unit vectors S, space frame, (*lattice, 3).
+        spin: unit vectors S, space frame, (*lattice, 3): (3,) is one spin, (n, 3) a chain or n spins without a lattice,
+            (n, m, 3) a lattice of two dimensions.
 
     Raises:
         ValueError: not of shape (..., 3), or not unit vectors.

@@ -37,20 +37,14 @@ CLOCK, OWN = "clock", "own"
 
 
 class OnSublattices(eqx.Module):
-    """The spins of a run.
-
-    Attributes:
-        labels: the sublattice of each spin, (*lattice), if spins are selected by it, or None.
-        own, terms: the fields of spins on themselves; the other fields.
-        checkered: the neighbour tables, if the two sublattices of a checkerboard are separate arrays.
-    """
+    """The spins of a run."""
 
     spins: Spins
-    labels: Any
+    labels: Any  # the sublattice of each spin, (*lattice), if spins are selected by it, or None
     count: int = eqx.field(static=True)
-    own: tuple[OwnField, ...]
-    terms: tuple[Any, ...]
-    checkered: Checkered | None
+    own: tuple[OwnField, ...]  # fields of spins on themselves
+    terms: tuple[Any, ...]  # other fields
+    checkered: Checkered | None  # the neighbour tables, if the sublattices of a checkerboard are separate arrays
 
 
 class Sublattices(Method):
@@ -217,9 +211,7 @@ class Sublattices(Method):
 
 
 class _Parts(eqx.Module):
-    """The parts of a step, which rotate in turn: the number of a sublattice, CLOCK, which advances time, or an index in
-    `own`, pairs of a field of spins on themselves and one of its axes.
-    """
+    """The parts of a step, which rotate in turn: a sublattice, CLOCK, or an axis of a field of spins on themselves."""
 
     names: tuple[Any, ...]
     own: list[tuple[OwnField, Any]]
@@ -342,11 +334,9 @@ _ROUNDING = 1e-14
 
 
 def order_of_parts(scheme: Scheme) -> int:
-    """The order of a table for parts that are not kicks.
+    """The order of a table for parts that are not kicks, whose commutator [K, [K, [K, F]]] is not zero.
 
-    Tables of kicks and flights may use that the commutator [K, [K, [K, F]]] is zero. It is of fourth order, and its
-    terms cancel in a symmetric table. A symmetric table of order 4 therefore holds for any parts, and one of higher
-    order only if it is composed of symmetric steps.
+    It is of fourth order, and its terms cancel in a symmetric table.
     """
     if scheme.composed:
         return scheme.order
@@ -380,10 +370,10 @@ def word(scheme: Scheme, count: int) -> list[tuple[int | str, float]]:
 
 
 def rows_of_loop(scheme: Scheme) -> list[tuple[float, ...]]:
-    """An alternating scheme as a loop: for each iteration of `Sublattices`, the coefficients and times.
+    """An alternating scheme as a loop: rows of the coefficients of the outer part, X, the inner part and X*, and times.
 
-    Each row has the coefficients of the outer part, of X, of the inner part and of X*, and the times, in steps, before
-    X, between X and X*, and after X*. The last row has only the coefficient of the outer part that ends the step.
+    The times, in steps, are before X, between X and X*, and after X*. The last row has only the coefficient of the
+    outer part that ends the step.
     """
     coefficients = [c for _, c in scheme.stages]
     rows: list[tuple[float, ...]] = []

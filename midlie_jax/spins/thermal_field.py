@@ -22,12 +22,9 @@ class ThermalField(Warm):
 
     The argument `bath` of a run, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
     acts in the flights. The stage rotates each spin about a random axis, as Brownian motion on the sphere with the
-    diffusion constant D = kT g alpha: `<S(t) . S(0)> = exp(-2 D t)` without a field. The Boltzmann distribution
-    exp(-H/kT) is approached with an error of second order in the step (weak order 2). D h of a stage, for its part of
-    the step, must be at most 1; above, the spins are NaN and `ok` is False.
-
-    The random numbers depend only on the key, on the index of the step and of the stage, and on the site of the spin in
-    the lattice.
+    diffusion constant D = kT g alpha: `<S(t) . S(0)> = exp(-2 D t)` without a field. Averages have weak order 2. D h of
+    a stage, for its part of the step, must be at most 1; above, the spins are NaN and `ok` is False. The random numbers
+    depend only on the key, on the index of step and stage, and on the site of the spin.
 
     Attributes:
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
@@ -39,11 +36,9 @@ class ThermalField(Warm):
 
     Examples:
         >>> up = ml.spins.SpinState(jnp.tile(jnp.array([0.0, 0.0, 1.0]), (100, 1)))
-        >>> field, bath = ml.spins.AppliedField([0.0, 0.0, 1.0]), ml.spins.ThermalField(0.7, jax.random.key(0))
-        >>> damped = ml.spins.Spins(damping=0.5)
-        >>> path = ml.integrate("SUBLATTICES[BAOAB]", damped, field, up, dt=0.1, steps=20, bath=bath)
-        >>> path.states.spin.shape, bool(path.ok)
-        ((21, 100, 3), True)
+        >>> bath, damped = ml.spins.ThermalField(0.7, jax.random.key(0)), ml.spins.Spins(damping=0.5)
+        >>> bool(ml.integrate("SUBLATTICES[BAOAB]", damped, None, up, dt=0.1, steps=20, bath=bath).ok)
+        True
     """
 
     methods: ClassVar[str] = "SUBLATTICES[BAOAB]"
@@ -64,21 +59,18 @@ class ThermalField(Warm):
 
 
 class BathOfSpins(NamedTuple):
-    """A `ThermalField`, prepared for the steps of a run: sqrt(kT) as a function of time, words of the key, the mobility
-    g alpha, the site of each spin in the form of the components of the spins, and the step.
-    """
+    """A `ThermalField`, prepared for the steps of a run."""
 
-    root: Callable[[Any], Array]
-    key: tuple[Array, ...]
-    mobility: Array
-    member: Any
+    root: Callable[[Any], Array]  # sqrt(kT) as a function of time
+    key: tuple[Array, ...]  # in words
+    mobility: Array  # g alpha
+    member: Any  # the site of each spin, in the form of the components of the spins
     step: Array | None = None
 
     def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
-        """The spins after the time h at the time t, in stage `stage` of the step.
+        """The spins after the time h, rotated by three normal numbers of variance 2 D h (1 - D h / 6).
 
-        Three normal numbers of variance 2 D h (1 - D h / 6) rotate each spin. The mean of every spherical harmonic of
-        the spin then agrees with Brownian motion up to h^3. For D h > 1, where this expansion fails, the spins are NaN.
+        The mean of every spherical harmonic of the spin then agrees with Brownian motion up to h^3, unless D h > 1.
         """
         spread = self.mobility * h * self.root(t) ** 2
         size = root_of(2 * spread * jnp.where(spread <= 1, 1 - spread / 6, jnp.nan))

@@ -22,10 +22,7 @@ def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
 
 
 def unit(spin: cp.Vector) -> cp.Vector:
-    """Spins with lengths corrected if these differ from one by over a hundred rounding errors.
-
-    The digits of an ordinary run then do not depend on the compilation of this sum.
-    """
+    """Spins with lengths corrected if these differ from one by so much that compilation does not decide on it."""
     excess = cp.dot(spin, spin) - 1
     far = jnp.abs(excess) > _UNTOUCHED * cp.epsilon(excess)
     return cp.scale(jnp.where(far, 1 - excess / 2, jnp.ones_like(excess)), spin)
@@ -38,24 +35,20 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
 
-    The denominator is small for a spin opposite to a strong field, and an error of the length grows by about its
-    inverse square. If it is less than `_LEAST_DENOMINATOR`, so that mobility |B| exceeds 2, the result is NaN and `ok`
-    is False.
+    An error of the length grows by about the inverse square of the denominator. If that is less than
+    `_LEAST_DENOMINATOR`, for a spin opposite to a field with mobility |B| > 2, the result is NaN and `ok` is False.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
-    c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
+    half, argument = mobility / 2, mobility * mobility * square / 4
+    small = argument < _SMALL
+    y = jnp.sqrt(jnp.where(small, jnp.ones_like(argument), argument))
+    series = 1 - argument * (1 / 3 - argument * (2 / 15 - argument * (17 / 315 - argument * (62 / 2835))))
+    c = half * jnp.where(small, series, jnp.tanh(y) / y)
     bounded = c * c * square
     denominator = 1 + bounded + 2 * c * along
     factor = 1 / jnp.where(denominator >= _LEAST_DENOMINATOR, denominator, jnp.nan)
     kept = cp.scale((1 - bounded) * factor, spin)
     return cp.add(kept, cp.scale(2 * c * (1 + c * along) * factor, field))
-
-
-def _tanh_ratio(square: Array) -> Array:
-    small = square < _SMALL
-    y = jnp.sqrt(jnp.where(small, jnp.ones_like(square), square))
-    series = 1 - square * (1 / 3 - square * (2 / 15 - square * (17 / 315 - square * (62 / 2835))))
-    return jnp.where(small, series, jnp.tanh(y) / y)
 
 
 def turned_by_own(spin: cp.Vector, axis: Any, ratio: Array, h: Array, damping: Array) -> cp.Vector:

@@ -9,9 +9,6 @@
 
 The format is the Attitude Ephemeris Message (AEM) as text of keywords and values (KVN), of both versions of the
 standard: CCSDS 504.0-B-1 (2008) and 504.0-B-2 (2024).
-
-Modules: `epochs` (calendars, leap seconds), `forms` (quaternions, Euler angles, spin), `message` (the content of a
-file, and the names of frames), `reader` and `writer`. They need no other package.
 """
 
 from .message import AttitudeFile as AttitudeFile

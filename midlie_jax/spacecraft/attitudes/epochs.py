@@ -19,15 +19,10 @@ _EPOCH = re.compile(r"(\d{4})-(?:(\d{3})|(\d{2})-(\d{2}))T(\d{2}):(\d{2}):(\d{2}
 
 
 class Epoch(NamedTuple):
-    """A time in one time system.
+    """A time in one time system."""
 
-    Attributes:
-        system: one of `TIME_SYSTEMS`.
-        seconds: since the start of the calendar, with the leap seconds of UTC.
-    """
-
-    system: str
-    seconds: Fraction
+    system: str  # one of `TIME_SYSTEMS`
+    seconds: Fraction  # since the start of the calendar, with the leap seconds of UTC
 
     @classmethod
     def of(cls, system: str, value: Any) -> "Epoch":

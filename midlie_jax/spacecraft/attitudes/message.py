@@ -1,15 +1,25 @@
-"""`AttitudeFile` and its `Segment`s: the content of an attitude file; and the names of frames."""
+"""`AttitudeFile` and its `Segment`s, the content of an attitude file; the names of frames, and forms of attitudes.
+
+The standard describes the rotation from frame A to frame B. The quaternion of a rotation by an angle phi about the unit
+vector e is (e sin(phi / 2), cos(phi / 2)), scalar last. In the order of this package, scalar first, it takes components
+in B to components in A: for A fixed in space and B in the body it is the attitude.
+
+Euler angles are successive rotations of frame A about its axes as they are after the earlier rotations. For spin, the
+axis is z of B, given by right ascension and declination in A. The rotations are ZXZ by 90 deg + alpha, 90 deg - delta,
+and the spin angle; the rate is the z component of the angular velocity, as in Orekit 12.
+"""
 
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation  # SciPy comes with JAX
 
 from ..._checks.arguments import shown, unknown
+from ..._math.euler import euler_angles, matrices_of
 from .epochs import Epoch
-from .forms import FORMS, rotations
 
 # Names in the registries of CCSDS (sanaregistry.org).
 _CELESTIAL = (
@@ -31,6 +41,57 @@ _OF_BODY = re.compile(
 )
 
 
+class Form(NamedTuple):
+    """The numbers of a line of data after the epoch."""
+
+    columns: tuple[str, ...]  # their names, in the order of the standard; angles in degrees, rates in degrees/s
+    kind: str  # "quaternion", "euler", "spin", or "" if they do not give an attitude
+    versions: tuple[str, ...] = ("1.0", "2.0")  # the versions of the standard that have it
+
+
+_Q, _QD = ("Q1", "Q2", "Q3", "QC"), ("Q1_DOT", "Q2_DOT", "Q3_DOT", "QC_DOT")
+_A, _AD = ("ANGLE_1", "ANGLE_2", "ANGLE_3"), ("ANGLE_1_DOT", "ANGLE_2_DOT", "ANGLE_3_DOT")
+_W = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
+_S = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
+FORMS = {
+    "QUATERNION": Form(_Q, "quaternion"),
+    "QUATERNION/DERIVATIVE": Form(_Q + _QD, "quaternion"),
+    "QUATERNION/RATE": Form(_Q + _AD, "quaternion", ("1.0",)),
+    "QUATERNION/ANGVEL": Form(_Q + _W, "quaternion", ("2.0",)),
+    "EULER_ANGLE": Form(_A, "euler"),
+    "EULER_ANGLE/RATE": Form(_A + _AD, "euler", ("1.0",)),
+    "EULER_ANGLE/DERIVATIVE": Form(_A + _AD, "euler", ("2.0",)),
+    "EULER_ANGLE/ANGVEL": Form(_A + _W, "euler", ("2.0",)),
+    "SPIN": Form(_S, "spin"),
+    "SPIN/NUTATION": Form((*_S, "NUTATION", "NUTATION_PER", "NUTATION_PHASE"), ""),
+    "SPIN/NUTATION_MOM": Form((*_S, "MOMENTUM_ALPHA", "MOMENTUM_DELTA", "NUTATION_VEL"), "", ("2.0",)),
+}
+
+
+def rotations(kind: str, numbers: np.ndarray, sequence: str) -> np.ndarray:
+    """Quaternions (n, 4), scalar first, from components in B to components in A, for lines of data (n, k)."""
+    if kind == "quaternion":
+        found = numbers[:, [3, 0, 1, 2]]
+        return found / np.linalg.norm(found, axis=1, keepdims=True)
+    angles = np.deg2rad(numbers[:, :3])
+    if kind == "spin":
+        angles = np.stack([np.pi / 2 + angles[:, 0], np.pi / 2 - angles[:, 1], angles[:, 2]], axis=1)
+        sequence = "ZXZ"
+    return Rotation.from_euler(sequence, angles).as_quat(scalar_first=True)
+
+
+def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndarray | None = None) -> np.ndarray:
+    """The inverse of `rotations`: lines of data (n, k); for spin also the rates about the axis, (n,), degrees/s."""
+    if kind == "quaternion":
+        return quaternions[:, [1, 2, 3, 0]]
+    angles, _ = euler_angles(matrices_of(quaternions), "ZXZ" if kind == "spin" else sequence)
+    degrees = np.rad2deg(angles)
+    if kind == "euler":
+        return degrees
+    assert rates is not None
+    return np.stack([(degrees[:, 0] - 90) % 360, 90 - degrees[:, 1], degrees[:, 2] % 360, rates], axis=1)
+
+
 @dataclass(frozen=True)
 class Segment:
     """A continuous piece of the motion: one block of metadata and its data.
@@ -46,8 +107,8 @@ class Segment:
 
     Examples:
         >>> (segment,) = ml.spacecraft.attitudes.read("satellite.aem").segments  # the file from the example of `write`
-        >>> segment.metadata["OBJECT_NAME"], segment.body_is, segment.columns["QC"][:1]
-        ('SATELLITE', 'B', array([1.]))
+        >>> segment.metadata["OBJECT_NAME"], segment.body_is
+        ('SATELLITE', 'B')
     """
 
     metadata: Mapping[str, str]
@@ -95,10 +156,8 @@ class AttitudeFile:
 
     Examples:
         >>> message = ml.spacecraft.attitudes.read("satellite.aem")  # the file from the example of `write`
-        >>> message.version, message.header["ORIGINATOR"], message.epoch
-        ('2.0', 'LAB', '2026-04-13T21:45:00.000000000')
-        >>> message.times[:2].tolist(), message.attitudes.shape
-        ([0.0, 10.0], (7, 4))
+        >>> message.epoch, message.attitudes.shape
+        ('2026-04-13T21:45:00.000000000', (7, 4))
     """
 
     version: str
@@ -125,10 +184,8 @@ class AttitudeFile:
         for keyword in ("OBJECT_ID", "REF_FRAME_A", "REF_FRAME_B"):
             names = {segment.metadata[keyword].upper() for segment in self.segments}
             if len(names) > 1:
-                raise ValueError(
-                    f"the segments have several {keyword}: {', '.join(sorted(names))}; use each of `segments` "
-                    "separately."
-                )
+                several = ", ".join(sorted(names))
+                raise ValueError(f"the segments have several {keyword}: {several}; use each of `segments` separately.")
         return self.segments
 
 
@@ -147,11 +204,3 @@ def check_frame(keyword: str, name: Any, agreed: Collection[str] = ()) -> str:
         note = f"If both sides agreed on this name, pass frames=({name!r},)."
         raise unknown(f"frame of {keyword}", name, listed, more=(*_CELESTIAL, *_ORBITAL), note=note)
     return name
-
-
-def body_of(frame_a: str, frame_b: str, said: str | None) -> str:
-    """The frame of the body among two: "A", "B", or "" if neither their names nor the argument determine it."""
-    if said:
-        return said
-    a, b = is_of_body(frame_a), is_of_body(frame_b)
-    return "" if a == b else ("A" if a else "B")

@@ -10,8 +10,7 @@ import numpy as np
 from ..._checks.arguments import unknown
 from ..._math.euler import sequence_of
 from .epochs import Epoch, check_system
-from .forms import FORMS
-from .message import AttitudeFile, Segment, body_of, check_frame
+from .message import FORMS, AttitudeFile, Segment, check_frame, is_of_body
 
 # The keywords, by version of the standard: tables 4-2 and 4-3.
 _HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
@@ -96,15 +95,11 @@ class _Reader(NamedTuple):
         for needed in _NEEDED_IN_HEADER:
             if needed not in header:
                 raise self.error(last, f"the header above has no {needed}.")
-        segments: list[Segment] = []
-        while True:
+        segments = [self.segment(lines, version, last)]
+        for last in lines:
+            if last.text != "META_START":
+                raise self.error(last, f"after DATA_STOP only META_START may follow, got {last.text!r}.")
             segments.append(self.segment(lines, version, last))
-            following = next(lines, None)
-            if following is None:
-                break
-            if following.text != "META_START":
-                raise self.error(following, f"after DATA_STOP only META_START may follow, got {following.text!r}.")
-            last = following
         kept = {name: value for name, (value, _) in header.items()}
         return AttitudeFile(version, kept, tuple(comments), tuple(segments))
 
@@ -156,7 +151,8 @@ class _Reader(NamedTuple):
             columns = (*columns[3:4], *columns[:3], *columns[4:])
             columns = (*columns[:4], *columns[7:8], *columns[4:7]) if form.endswith("/DERIVATIVE") else columns
         numbers = dict(zip(columns, np.array(rows).T, strict=True))
-        side = body_of(metadata["REF_FRAME_A"], metadata["REF_FRAME_B"], self.body)
+        a, b = (is_of_body(metadata[name]) for name in ("REF_FRAME_A", "REF_FRAME_B"))
+        side = self.body or ("" if a == b else "A" if a else "B")
         return Segment(metadata, (*comments, *more), tuple(epochs), numbers, side)
 
     def check_values(self, found: dict[str, tuple[str, _Line]], metadata: dict[str, str]) -> None:
@@ -182,9 +178,8 @@ class _Reader(NamedTuple):
         epochs: list[Epoch] = []
         rows: list[list[float]] = []
         comments: list[str] = []
-        begin, end = (
-            self.epoch(found[name][1], metadata, metadata[name], name) for name in ("START_TIME", "STOP_TIME")
-        )
+        limits = "START_TIME", "STOP_TIME"
+        begin, end = (self.epoch(found[name][1], metadata, metadata[name], name) for name in limits)
         form, count = metadata["ATTITUDE_TYPE"], len(FORMS[metadata["ATTITUDE_TYPE"]].columns)
         for line in _without_comments(lines, comments):
             last = line
@@ -194,22 +189,17 @@ class _Reader(NamedTuple):
                 return epochs, rows, comments
             cells = line.text.split()
             if len(cells) != count + 1:
-                raise self.error(
-                    line, f"{form} needs an epoch and {count} numbers, got {len(cells) - 1} after the first."
-                )
+                got = len(cells) - 1
+                raise self.error(line, f"{form} needs an epoch and {count} numbers, got {got} after the first.")
             epoch = self.epoch(line, metadata, cells[0], "the epoch")
             if epochs and epoch.seconds <= epochs[-1].seconds:
-                raise self.error(
-                    line, f"epochs must ascend, and {cells[0]} is not after the epoch of the previous line."
-                )
+                raise self.error(line, f"epochs must ascend, and {cells[0]} is not after the previous epoch.")
             if not begin.seconds <= epoch.seconds <= end.seconds:
-                raise self.error(
-                    line,
-                    f"{cells[0]} is not between START_TIME {begin.text()} and STOP_TIME {end.text()} of its segment.",
-                )
+                between = f"START_TIME {begin.text()} and STOP_TIME {end.text()}"
+                raise self.error(line, f"{cells[0]} is not between {between} of its segment.")
             rows.append([self.number(line, cell) for cell in cells[1:]])
-            if form.startswith("QUATERNION") and abs(np.linalg.norm(rows[-1][:4]) - 1) > _UNIT:
-                size = np.linalg.norm(rows[-1][:4])
+            size = np.linalg.norm(rows[-1][:4])
+            if form.startswith("QUATERNION") and abs(size - 1) > _UNIT:
                 raise self.error(line, f"the quaternion must have length 1 to {_UNIT:g}, got {size:.6g}.")
             epochs.append(epoch)
         raise self.error(last, "the file ends before DATA_STOP.")

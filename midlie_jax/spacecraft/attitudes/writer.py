@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path as File
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,21 +16,13 @@ from ..._math.euler import as_sequence
 from ...drivers.path import Path
 from ...simulation.saved import saved_path
 from .epochs import Epoch, check_system
-from .forms import numbers_of
-from .message import check_frame, is_of_body
+from .message import check_frame, is_of_body, numbers_of
 
 UNITS = {"ns": Fraction(1, 10**9), "us": Fraction(1, 10**6), "ms": Fraction(1, 1000), "s": Fraction(1),
          "min": Fraction(60), "h": Fraction(3600), "d": Fraction(86400)}  # fmt: skip
 _TYPES = {"quaternion": "QUATERNION", "euler": "EULER_ANGLE", "spin": "SPIN"}
+_NUMBERS = str.maketrans("XYZ", "123")  # of axes in version 1.0
 _UNIT = 1e-3
-
-
-class Run(NamedTuple):
-    """The data to write: times (n,), attitudes (n, 4), and for spin the rates (n,) about the z axis of the body."""
-
-    times: np.ndarray
-    attitudes: np.ndarray
-    rates: np.ndarray | None
 
 
 def write(
@@ -58,9 +50,8 @@ def write(
 ) -> int:
     """Writes the attitudes of one body as an Attitude Ephemeris Message (CCSDS 504.0-B-2 or B-1); returns their number.
 
-    Frame A is the space frame and frame B the body frame, so the file describes the rotation from frame A to the body.
-    The frame names are labels; nothing is computed from them. Quaternions keep their sign, so that they can be
-    interpolated.
+    The file describes the rotation from frame A, the space frame, to frame B, the body frame. Their names are labels;
+    nothing is computed from them. Quaternions keep their sign, so that they can be interpolated.
 
     Args:
         run: a `Path`, whose states have an `attitude`; a store .zarr or a file .npz of `simulate` or `midlie run`; or a
@@ -93,10 +84,10 @@ def write(
     Examples:
         >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.1, 0.0, 0.2], [1.0, 0.0, 0.0, 0.0])
         >>> path = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=1.0, steps=60, save_every=10)
-        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
-        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
-        >>> clock = {"epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
-        >>> ml.spacecraft.attitudes.write(path, "satellite.aem", **clock, **names)  # seven lines of data
+        >>> ml.spacecraft.attitudes.write(
+        ...     path, "satellite.aem", epoch="2026-04-13T21:45:00", time_system="UTC", time_unit="s", originator="LAB",
+        ...     object_name="SATELLITE", object_id="2026-001A", ref_frame_a="EME2000", ref_frame_b="SC_BODY_1",
+        ... )  # seven lines of data
         7
     """
     if form not in _TYPES:
@@ -106,12 +97,11 @@ def write(
     if (form == "euler") != (sequence is not None):
         raise ValueError("sequence is the order of Euler angles, such as 'ZYX'; give it only with form='euler'.")
     letters = "" if sequence is None else as_sequence("sequence", sequence)
-    words = {"object_name": object_name, "object_id": object_id, "originator": originator, "center_name": center_name}
-    for name, word in words.items():
-        if word is not None or name != "center_name":
-            _check_word(name, word)
-    for comment in comments:
-        _check_word("comments", comment)
+    words = [("object_name", object_name), ("object_id", object_id), ("originator", originator)]
+    words += [("comments", comment) for comment in comments]
+    for name, word in words if center_name is None else [*words, ("center_name", center_name)]:
+        if not isinstance(word, str) or not word.strip() or not re.fullmatch(r"[\x20-\x7e]+", word):
+            raise ValueError(f"{name} must be one line of ASCII text, got {word!r}.")
     check_frame("ref_frame_a", ref_frame_a, frames)
     check_frame("ref_frame_b", ref_frame_b, frames)
     if is_of_body(ref_frame_a) and not is_of_body(ref_frame_b):
@@ -124,13 +114,12 @@ def write(
         zero = Epoch.of(system, epoch)
     except ValueError as error:
         raise ValueError(f"epoch {error}") from None
-    written = _run(run, times, body, index, form == "spin")
-    stamps = [Epoch(system, zero.seconds + Fraction(float(t)) * unit).text() for t in written.times]
+    times, attitudes, rates = _read(run, times, body, index, form == "spin")
+    stamps = [Epoch(system, zero.seconds + Fraction(float(t)) * unit).text() for t in times]
     same = next((a for a, b in pairwise(stamps) if a >= b), None)
     if same is not None:
         raise ValueError(f"times must ascend by more than a nanosecond; two of them are {same}; check time_unit.")
-    rates = None if written.rates is None else np.rad2deg(written.rates) / float(unit)
-    numbers = numbers_of(form, written.attitudes, letters, rates)
+    numbers = numbers_of(form, attitudes, letters, None if rates is None else np.rad2deg(rates) / float(unit))
     kept = Epoch.of("UTC", creation_date or datetime.now(UTC)).text(0)
     metadata = {
         "OBJECT_NAME": object_name,
@@ -144,7 +133,7 @@ def write(
         "STOP_TIME": stamps[-1],
         "ATTITUDE_TYPE": _TYPES[form],
         "QUATERNION_TYPE": "LAST" if version == "1.0" and form == "quaternion" else None,
-        "EULER_ROT_SEQ": _named(letters, version) if letters else None,
+        "EULER_ROT_SEQ": (letters if version == "2.0" else letters.translate(_NUMBERS)) or None,
     }
     lines = [f"CCSDS_AEM_VERS = {version}", f"CREATION_DATE = {kept}", f"ORIGINATOR = {originator}", "", "META_START"]
     lines += [f"COMMENT {comment}" for comment in comments]
@@ -154,15 +143,6 @@ def write(
     lines += [" ".join([stamp, *(f"{x:.16g}" for x in row)]) for stamp, row in zip(stamps, numbers, strict=True)]
     File(file).write_text("\n".join([*lines, "DATA_STOP", ""]), encoding="utf-8")
     return len(stamps)
-
-
-def _named(letters: str, version: str) -> str:
-    return letters if version == "2.0" else letters.translate(str.maketrans("XYZ", "123"))
-
-
-def _check_word(name: str, word: Any) -> None:
-    if not isinstance(word, str) or not word.strip() or not re.fullmatch(r"[\x20-\x7e]+", word):
-        raise ValueError(f"{name} must be one line of ASCII text, got {word!r}.")
 
 
 def _unit(unit: Any) -> Fraction:
@@ -175,7 +155,8 @@ def _unit(unit: Any) -> Fraction:
     return Fraction(unit)
 
 
-def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
+def _read(run: Any, times: Any, body: Any, index: int, spin: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Times (n,), attitudes (n, 4), and for spin the rates (n,) about the z axis of the body."""
     if isinstance(run, (str, File)):
         if times is not None or body is not None:
             raise ValueError(f"{run} holds its times and its body; leave times and body out.")
@@ -210,4 +191,4 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
         if body is None:
             raise ValueError("form='spin' needs the body of the run for its angular velocity; give body=.")
         rates = np.asarray(jax.vmap(body.velocity)(run.momentum), np.float64)[:, 2]
-    return Run(moments, attitudes / sizes[:, None], rates)
+    return moments, attitudes / sizes[:, None], rates
