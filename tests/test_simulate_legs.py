@@ -17,7 +17,7 @@ from simulated import ATTITUDES, BODIES, MOMENTA, STEPS, simulated
 from test_simulate import CrashError, assert_same, contents, pulled
 
 import midlie_jax as ml
-from midlie_jax.drivers import legs
+from midlie_jax.drivers import steps as legs
 from midlie_jax.simulation import pipeline
 from midlie_jax.simulation.parts import Computation
 from midlie_jax.simulation.pipeline import Pace

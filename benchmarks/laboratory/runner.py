@@ -16,7 +16,7 @@ from jax import Array
 from midlie_jax._math import components as cp
 from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.drivers.clock import time_of
-from midlie_jax.drivers.stepper import OneStep
+from midlie_jax.drivers.steps import OneStep
 from midlie_jax.integrators.base import Method, Progress
 from midlie_jax.integrators.system import System
 from midlie_jax.model.bodies import RigidBody

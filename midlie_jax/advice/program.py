@@ -17,7 +17,7 @@ from jax import Array
 from .._xla import budgets
 from .._xla.compiler import tuned_jit
 from ..drivers import shared_inputs
-from ..drivers.stepper import OneStep
+from ..drivers.steps import OneStep
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..model.bodies import Body

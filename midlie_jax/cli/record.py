@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..drivers.tables import columns, named
+from ..drivers.path import columns, named
 from ..model.bodies import RigidBody
 from ..model.states import AxisState, TravellingState
 from ..model.torques import Sum, UniformGravity

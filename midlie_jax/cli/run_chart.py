@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.tables import COORDINATES
+from ..drivers.path import COORDINATES
 from ..model import so3, torques
 from ..model.bodies import SymmetricRotor
 from ..model.states import AxisState

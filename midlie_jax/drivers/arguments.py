@@ -58,11 +58,8 @@ def check_system(
 ) -> Method:
     """The method, fitted to the body; raises unless method, body, torque and initial state match.
 
-    Args:
-        batch: number of leading axes of the state; the body has the same number, or none.
-        bath: the reason why no heat bath is possible here, for the message; None if a bath is possible.
-        of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state without
-            a fixed number of axes, such as spins on a lattice.
+    The state has `batch` leading axes, and the body as many or none. `bath` is the reason why no heat bath is possible
+    here, if none is. `of_one` returns the torque on the first body of a batch and its state.
     """
     once(_check_structure, method, body, torque, start, batch, bath)
     if isinstance(torque, Torque):
@@ -73,11 +70,7 @@ def check_system(
             if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):
                 require_finite(name, leaf)
     method.check(body, torque, start, batch)
-    return once_for_numbers(_fitted, method, body)
-
-
-def _fitted(method: Method, body: Any) -> Method:
-    return method.fitted(body)
+    return once_for_numbers(type(method).fitted, method, body)
 
 
 def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: int, bath: str | None) -> None:
@@ -162,12 +155,10 @@ def _require_held(name: str, array: Any, value: Any) -> None:
 
 
 def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
-    """Raises unless the times t0 + n dt of a run are finite and distinct in the dtype of dt; traced times are not
-    checked.
+    """Raises unless the times t0 + n dt of a run are finite and distinct in the dtype of dt; traced times pass.
 
     With a step below `LEAST_ULPS` units in the last place of t0 a torque that depends on time would stand still, and
-    then jump. The number of steps is not limited, because times are computed from the index: the times of a long run
-    from a small t0 are correct to the last place.
+    then jump. Times are computed from the index, so the number of steps is not limited.
     """
     if is_traced(t0, dt, first):
         return

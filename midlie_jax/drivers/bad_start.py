@@ -1,9 +1,8 @@
 """Initial states that are not finite: such a body fails, but the gradients of the other bodies stay finite.
 
-If bodies share a parameter, its reverse derivative is a sum over all of them, and NaN for a body whose initial state
-contains NaN, even if its cotangent is zero. Such a body therefore runs from the initial state of another body. Its
-verdict says that it failed, and its saved values are replaced by NaN. A run without derivatives contains none of this,
-because the choices would take a tenth of the time of short runs.
+The reverse derivative of a shared parameter is a sum over all bodies, and NaN for a body whose initial state contains
+NaN. Such a body therefore runs from the initial state of another body; its verdict says that it failed, and its saved
+values are replaced by NaN. A run without derivatives contains none of this, which would slow down short runs.
 """
 
 from collections.abc import Callable, Iterable
@@ -23,11 +22,10 @@ T = TypeVar("T")
 
 
 def finite_start(start: T, good: Array, torque: Any, t: Array, others: Any) -> T:
-    """The initial state; in a differentiated run, the state of another body unless it is `good`.
+    """The initial state; in a differentiated run, unless it is `good`, the first good state of a batch, or ones.
 
-    The replacement is the first good state along the axis of `jax.vmap`, or ones if there is none. The torque, bound to
-    its body, is traced at the time t, so that a run also counts as differentiated if a function closes over a
-    parameter. `others` are all other inputs of the run.
+    The torque, bound to its body, is traced at the time t, so that a run also counts as differentiated if a function
+    closes over a parameter. `others` are all other inputs of the run.
     """
     read = [] if torque is None else jax.closure_convert(lambda t, state: torque(t, state), t, start)[1]
     read = [x for x in jax.tree.leaves((read, others)) if eqx.is_inexact_array(x)]

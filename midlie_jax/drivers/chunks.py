@@ -1,8 +1,7 @@
 """Runs many bodies in chunks that fit the cache, spread over the devices of a mesh; used by `ensemble`.
 
-`jax.vmap` of `integrate` is the same computation, but each step passes over the whole batch. A batch larger than the
-cache is then fetched from memory in every step; chunks avoid this. An accelerator uses one chunk, because launching a
-kernel for each step and chunk would take longer. Devices do not communicate during the steps.
+With `jax.vmap` of `integrate`, each step would fetch a batch larger than the cache from memory. An accelerator uses one
+chunk, because launching a kernel for each step and chunk would take longer. Devices do not communicate during steps.
 """
 
 from functools import partial
@@ -23,10 +22,10 @@ from ..integrators.base import Method, Progress
 from . import shared_inputs
 from .derivatives import Adjoint, Reversible
 from .integrate import run_of_body
-from .legs import Leg
 from .observe import Observe, Statistic
 from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
+from .steps import Leg
 
 _nothing_shared: dict[Any, None] = {}  # keyed by the structure of arguments
 
@@ -56,11 +55,8 @@ def run_ensemble(
 ) -> Path[Any]:
     """`ensemble` without the checks; arguments as for `ensemble`, `Batch` and `run_of_body`.
 
-    Args:
-        at_end: whether the path has only the final states, after one interval.
-        counted: (n,), whether a statistic may count a body; by default all bodies with trustworthy values.
-        tables: from `shared_tables`.
-        begins: the initial progress of each body, from a `Carry`, or None.
+    A statistic may count the bodies in `counted` (n,), by default all. `tables` are from `shared_tables`, and `begins`
+    is the initial progress of each body, from a `Carry`, or None.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -72,9 +68,8 @@ def run_ensemble(
 
     def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> Path[Any]:
         (mapped, progresses, begins), every = own, given if fixed is None else fixed
-        body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         own_leg = None if leg is None else Leg(*ends, *progresses)
-        run = method, adjoint, body, torque, start, dt, t0, first, intervals, every
+        run = method, adjoint, eqx.combine(mapped, shared), first, intervals, every
         path = run_of_body(*run, inputs, rows, observe, own_leg, guarded, begins)
         return end_alone(path) if at_end else path
 
@@ -159,8 +154,7 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
 def shared_tables(method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int) -> Rows | None:
     """The prepared inputs of at least all steps of the run; None if nothing is worth preparing.
 
-    A separate program computes them, because XLA rounds some of them differently in a program for several devices. It
-    is not called if the bodies are known to share nothing.
+    A separate program computes them, because XLA rounds some of them differently in a program for several devices.
     """
     decision = structure_of((method, adjoint, mapped, shared))
     if decision is not None and decision in _nothing_shared:
@@ -201,18 +195,14 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | N
 def chunk_size(count: int, start: Any = None) -> int:
     """The default number of bodies moved at once, of `count`; all on an accelerator, which needs long loops.
 
-    On a CPU a step reads and writes the state of each body once. On one core the states of a chunk should therefore fit
-    the first-level cache, and be numerous enough to hide the overhead of starting a loop. XLA spreads only long loops
-    over several cores.
+    On one core the states of a chunk should fit the first-level cache, and be numerous enough to hide the overhead of
+    starting a loop. XLA spreads only long loops over several cores.
     """
     if not on_cpu():
         return count
     numbers = sum(leaf.size // max(leaf.shape[0], 1) for leaf in jax.tree.leaves(start))
-    chunk = (
-        min(budgets.LARGE_CHUNK, max(1, budgets.CHUNK_NUMBERS // numbers))
-        if numbers > budgets.LARGE_STATE
-        else budgets.CHUNK
-    )
+    large = numbers > budgets.LARGE_STATE
+    chunk = min(budgets.LARGE_CHUNK, max(1, budgets.CHUNK_NUMBERS // numbers)) if large else budgets.CHUNK
     return chunk if cores() == 1 else 32 * chunk
 
 
@@ -226,8 +216,7 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
     Without a mesh there are as few chunks as possible, or up to a third more if all chunks are then full, which saves a
-    copy. On a mesh all chunks have the size `chunk` if there is work for all devices. The compiled program of a chunk,
-    and therefore its bits, do not depend on the number of devices.
+    copy. On a mesh the size, and therefore the bits, do not depend on the number of devices if there is work for all.
     """
     if devices is None:
         if count <= chunk:

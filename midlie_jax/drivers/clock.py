@@ -16,11 +16,10 @@ def ends_of_step_back(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Arra
 
 
 def time_of(t0: Array, dt: Array, n: Array) -> Array:
-    """t0 + n dt in the dtype of the run, for every 32-bit index n.
+    """t0 + n dt in the dtype of the run, for every 32-bit index n; a float32 sum of many dt would lose whole steps.
 
-    The time is computed from the index, because a float32 sum of many dt would lose whole steps. The index is split
-    into two parts of its own sign, which float32 represents exactly; parts of different signs would cancel. The power
-    of two is an integer. With a long step its float would be infinite, and infinity times an index of zero is NaN.
+    The index is split into two parts of its own sign, which float32 represents exactly; parts of different signs would
+    cancel. The power of two is an integer, because with a long step its float would be infinite.
     """
     high = jnp.where(n < 0, -(-n >> _EXACT_BITS), n >> _EXACT_BITS)
     high = high << _EXACT_BITS

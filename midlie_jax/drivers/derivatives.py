@@ -7,7 +7,7 @@ last to the first. Some states are kept and the others recomputed, or every step
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,42 +23,21 @@ from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.rules import fits
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
+from .steps import OneStep
 
 # The most backward steps from a kept state. Rounding changes the momentum by about eps per step, and therefore the
 # attitude. After n steps of one radian in a regular motion, the attitude error is about n^1.5 eps, here 4e-9 and 1.4e-3
 # radians.
 _FARTHEST = {"float64": 2**16, "float32": 2**9}
-Step = Callable[..., Progress]
-
-
-class Steps(NamedTuple):
-    """Consecutive steps of one run, `number` of `total`.
-
-    Attributes:
-        take: the progress after a step, from the progress before it and the inputs of the step.
-        take_back: the progress before a step of a symmetric method, and intermediate results for `take_again`.
-        take_again: `take` for the derivative alone; its third argument is the result of `take_back`.
-        inputs: the index and the prepared values of each step, with a leading axis of steps.
-        fused: whether a step is a single loop over the bodies of a batch, without inner loops, a torque with loops, or
-            a bath.
-    """
-
-    take: Step
-    take_back: Callable[..., tuple[Progress, Any]]
-    take_again: Step
-    inputs: Any
-    number: int
-    total: int
-    unroll: int
-    fused: bool
+_Functions = tuple[Callable[..., Any], ...]
 
 
 class Adjoint(eqx.Module):
     """How a run is differentiated."""
 
     @abstractmethod
-    def run(self, steps: Steps, progress: Progress) -> Progress:
-        """The progress after all steps."""
+    def run(self, steps: OneStep, inputs: Any, total: int, progress: Progress) -> Progress:
+        """The progress after consecutive steps of a run of `total`, with their indices and prepared inputs."""
 
     def check(self, method: Method, system: System, save_every: int) -> None:
         """Raises a ValueError if the derivative does not exist for this method and torque."""
@@ -87,9 +66,8 @@ class Checkpointed(_Keeping):
     Attributes:
         every: a state is kept every `every` steps; it must divide `save_every`. With 1, each step is recomputed once.
             With more, each step is recomputed twice, and n steps need memory for n / every + every states. The default
-            is 1 for a run of at most 10240 numbers, such as 1024 states of momentum, attitude and torque. For a longer
-            run it is the largest divisor of `save_every` from 8 to 1024 over the numbers of a state, 102 in the
-            example. If there is none, it is the next larger divisor up to 8 times as many, else 1.
+            is 1 for a run of at most 10240 numbers. For a longer run it is the largest divisor of `save_every` from 8
+            to 1024 over the numbers of a state, else the next larger one up to 8 times as many, else 1.
 
     Examples:
         >>> start, body = ml.AxisState([0.0, 0.0, 10.0], [0.0, np.sin(0.3), np.cos(0.3)]), ml.SymmetricRotor(5.0)
@@ -100,27 +78,26 @@ class Checkpointed(_Keeping):
         -0.035224
     """
 
-    def run(self, steps: Steps, progress: Progress) -> Progress:
+    def run(self, steps: OneStep, inputs: Any, total: int, progress: Progress) -> Progress:
         size = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
-        every = self.every or _every(steps.number, steps.total, size)
-        one = _summing_once(steps, progress)
+        every = self.every or _every(len(inputs[0]), total, size)
+        one = _summing_once(steps, inputs, progress)
         take = recomputed(lambda progress, step: (one(progress, step), None), middle=True)
         if every == 1:
-            return jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)[0]
+            return jax.lax.scan(take, progress, inputs, unroll=steps.unroll)[0]
 
         def advance(progress: Progress, inputs: Any) -> tuple[Progress, None]:
             return jax.lax.scan(take, progress, inputs, unroll=steps.unroll)
 
         block = recomputed(advance, middle=False)
-        return jax.lax.scan(block, progress, _in_blocks(steps.inputs, every))[0]
+        return jax.lax.scan(block, progress, _in_blocks(inputs, every))[0]
 
 
 class Reversible(_Keeping):
     """Reverse mode takes the steps of a symmetric method backwards; memory does not grow with the number of steps.
 
-    A step of -h reverses a step of h, up to rounding. The rounding errors of backward steps accumulate. A few states
-    are therefore kept, and the backward steps restart from each of them. Forward mode is not supported; a gradient can
-    be differentiated again.
+    The rounding errors of backward steps accumulate. A few states are therefore kept, and the backward steps restart
+    from each of them. Forward mode is not supported; a gradient can be differentiated again.
 
     In a regular motion of at most one radian per step, the recovered states are by default accurate to 4e-9 radians in
     float64 and to 1.4e-3 radians in float32. In a chaotic motion their error grows at the same rate as the derivative.
@@ -152,21 +129,22 @@ class Reversible(_Keeping):
             )
         super().check(method, system, save_every)
 
-    def run(self, steps: Steps, progress: Progress) -> Progress:
-        block = self.every or _block(steps.number, progress)
-        index = jax.tree.map(lambda x: x[0], steps.inputs)
+    def run(self, steps: OneStep, inputs: Any, total: int, progress: Progress) -> Progress:
+        block = self.every or _block(len(inputs[0]), progress)
+        index = jax.tree.map(lambda x: x[0], inputs)
         # Arrays that the steps close over become arguments, so that derivatives with respect to them exist.
         known = jax.tree.map(jnp.zeros_like, jax.eval_shape(steps.take_back, progress, index)[1])
-        take, arrays = _with_arguments(steps.take, progress, index)
-        take_back, arrays_back = _with_arguments(steps.take_back, progress, index)
-        take_again, arrays_again = _with_arguments(steps.take_again, progress, index, known)
-        functions = _Functions(take, take_back, take_again)
+        functions, arrays = zip(
+            _with_arguments(steps.take, progress, index),
+            _with_arguments(steps.take_back, progress, index),
+            _with_arguments(steps.take_again, progress, index, known),
+            strict=True,
+        )
 
         def run(progress: Progress, inputs: Any) -> tuple[Progress, None]:
-            every = arrays, arrays_back, arrays_again
-            return _run_reversibly(functions, steps.unroll, progress, inputs, every), None
+            return _run_reversibly(functions, steps.unroll, progress, inputs, arrays), None
 
-        return jax.lax.scan(run, progress, _in_blocks(steps.inputs, block))[0]
+        return jax.lax.scan(run, progress, _in_blocks(inputs, block))[0]
 
 
 class Forward(Adjoint):
@@ -182,11 +160,11 @@ class Forward(Adjoint):
         -0.035224
     """
 
-    def run(self, steps: Steps, progress: Progress) -> Progress:
+    def run(self, steps: OneStep, inputs: Any, total: int, progress: Progress) -> Progress:
         def take(progress: Progress, step: Any) -> tuple[Progress, None]:
             return steps.take(progress, step), None
 
-        taken, _ = jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)
+        taken, _ = jax.lax.scan(take, progress, inputs, unroll=steps.unroll)
         leaves, structure = jax.tree.flatten(taken)
         return structure.unflatten(_forward_only.bind(*leaves))
 
@@ -214,17 +192,16 @@ def _every(number: int, total: int, size: int) -> int:
     return next((every for every in candidates if number % every == 0), 1)
 
 
-def _summing_once(steps: Steps, progress: Progress) -> Step:
+def _summing_once(steps: OneStep, inputs: Any, progress: Progress) -> Callable[[Progress, Any], Progress]:
     """`steps.take`, with a reverse derivative that sums over the bodies after the loop for shared parameters.
 
     This is used for small parameters, which a step reads as scalars, and only if a step is a single loop over the
-    bodies. Otherwise the run would read the copies as arrays with one row per body, even without derivatives. A shared
-    table, orbit or set of facets would then be recomputed for each body. On a mesh whose axes are part of the array
-    types, the rows of a copy would lack these axes.
+    bodies. Otherwise the run would read the copies as arrays with one row per body, even without derivatives. On a mesh
+    whose axes are part of the array types, the rows of a copy would lack these axes.
     """
-    if not steps.fused or jax.sharding.get_abstract_mesh().explicit_axes:
+    if not steps.method.is_one_loop(steps.system) or jax.sharding.get_abstract_mesh().explicit_axes:
         return steps.take
-    index = jax.tree.map(lambda x: x[0], steps.inputs)
+    index = jax.tree.map(lambda x: x[0], inputs)
     take, arrays = jax.closure_convert(steps.take, progress, index)
     small = [fits(jax.typeof(x)) for x in arrays]
     few, others = eqx.partition(arrays, small)
@@ -241,10 +218,7 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
 
 
 def _with_arguments(function: Callable[..., Any], *examples: Any) -> tuple[Callable[..., Any], list[Any]]:
-    """The function with the traced arrays it reads as extra arguments, and these arrays.
-
-    `jax.closure_convert` does this only for real numbers; an index that the derivative reads would leak.
-    """
+    """The function with the traced arrays it reads as extra arguments, and these arrays, also those of integers."""
     traced, rest = eqx.partition(eqx.filter_closure_convert(function, *examples), lambda x: isinstance(x, Tracer))
     arrays, structure = jax.tree.flatten(traced)
 
@@ -267,12 +241,6 @@ def _in_blocks(tree: Any, block: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(-1, block, *x.shape[1:]), tree)
 
 
-class _Functions(NamedTuple):
-    take: Step
-    take_back: Callable[..., tuple[Progress, Any]]
-    take_again: Step
-
-
 class _Perturbed(eqx.Module):
     """For each array that `take_again` reads, whether a derivative with respect to it is needed."""
 
@@ -281,13 +249,13 @@ class _Perturbed(eqx.Module):
 
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1))
 def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inputs: Any, arrays: Any) -> Progress:
-    """The progress after the steps with these inputs; each function reads its own arrays.
+    """The progress after the steps with these inputs, from `take`, `take_back` and `take_again`, each with its arrays.
 
     The derivative differentiates `take_again` instead of `take`, so the tangents belong to the arrays of `take_again`.
     """
 
     def take(progress: Progress, step: Any) -> tuple[Progress, None]:
-        return functions.take(progress, step, *arrays[0]), None
+        return functions[0](progress, step, *arrays[0]), None
 
     end = jax.lax.scan(take, progress, inputs, unroll=unroll)[0]
     # Under `jax.vmap` JAX raises an error for a derivative if bodies share an output. An example is the third component
@@ -303,6 +271,7 @@ def _forward_pass(functions: _Functions, unroll: int, *arguments: Any) -> tuple[
 
 
 def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
+    _, take_back, take_again = functions
     end, inputs, (_, arrays_back, arrays), perturbed = kept
     numbers, rest = eqx.partition(end, eqx.is_inexact_array)
     # Differentiate only with respect to the needed arrays, so that the derivative of the step has fewer operations.
@@ -310,11 +279,11 @@ def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any
 
     def step_back(carry: Any, step: Any) -> tuple[Any, None]:
         after, cotangent, total = carry
-        before, known = functions.take_back(eqx.combine(after, rest), step, *arrays_back)
+        before, known = take_back(eqx.combine(after, rest), step, *arrays_back)
         before = eqx.filter(before, eqx.is_inexact_array)
 
         def taken(before: Any, wanted: Any) -> Any:
-            after = functions.take_again(eqx.combine(before, rest), step, known, *eqx.combine(wanted, given))
+            after = take_again(eqx.combine(before, rest), step, known, *eqx.combine(wanted, given))
             return eqx.filter(after, eqx.is_inexact_array)
 
         _, pullback = jax.vjp(taken, before, wanted)

@@ -1,5 +1,6 @@
 """`energy` of one state, of a path, and of many bodies with many states each, as `ensemble` returns them."""
 
+from contextlib import suppress
 from typing import Any
 
 import equinox as eqx
@@ -37,26 +38,18 @@ def energy(
             body.
         motion: any state, which may have leading batch axes (except for particles); or a `Path` of such states, which
             contains their times. For a run of `simulate` pass its `states()`.
-        t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
-        torque_axes: which arrays of the torque have one row per body, as for `ensemble`. By default no array has rows
-            if there is one body and the torque fits it without change; otherwise the rule of `ensemble` applies.
-
-    Returns:
-        The energy (...), with the batch shape of the state or of the path's states.
+        t: the time of the states, if the potential depends on time; its shape broadcasts to the batch.
+        torque_axes: as for `ensemble`. By default no array has rows if there is one body and the torque fits it.
 
     Raises:
         ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
-            path; the body does not match the state; or the number of bodies, or of rows of the torque, differs from the
-            number of states.
+            path; or the body, or a number of rows, does not match the state.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> ml.observe.energy(body, torque, start).round(4)  # 50^2 / 2 + 20 cos 0.3
         Array(1269.1067, dtype=float64)
     """
-    path = None if isinstance(motion, State) else motion
-    state = getattr(path, "states", None) if path is not None else motion
+    path, state = (None, motion) if isinstance(motion, State) else (motion, getattr(motion, "states", None))
     if not isinstance(state, State):
         return observables.energy(body, torque, motion, t)  # which raises
     if path is None and t is not None:
@@ -101,17 +94,10 @@ def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, 
     if torque is None or not batch or not batch[0]:
         return shared
     starts = jax.tree.map(lambda x: x.reshape(batch[0], -1, *x.shape[len(batch) :])[:, 0], state)
-    if not own_body and not of_bodies and not axes_given and _fits_one_body(body, torque, starts):
-        return shared
+    if not own_body and not of_bodies and not axes_given:
+        potential, first = potential_of(on_body(torque, body)), jax.tree.map(lambda x: x[0], starts)
+        with suppress(TypeError, ValueError, IndexError):  # unless the whole torque acts on one body
+            found = jax.eval_shape(lambda: jnp.asarray(potential(jnp.zeros((), first.momentum.dtype), first)))
+            if found.shape == ():
+                return shared
     return torque_rows(torque, axes, body, own_body, starts, batch[0])
-
-
-def _fits_one_body(body: Body, torque: TorqueLike, starts: Any) -> bool:
-    """Whether the potential of one body under the whole torque is one number; only shapes are evaluated."""
-    potential = potential_of(on_body(torque, body))
-    first = jax.tree.map(lambda x: x[0], starts)
-    try:
-        found = jax.eval_shape(lambda: jnp.asarray(potential(jnp.zeros((), first.momentum.dtype), first)))
-    except (TypeError, ValueError, IndexError):
-        return False
-    return found.shape == ()

@@ -1,7 +1,6 @@
 """`ensemble`: the driver for many bodies; checks its arguments and runs the bodies in chunks (`chunks.py`)."""
 
-from functools import partial
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, Unpack, overload
 
 import equinox as eqx
 import jax
@@ -29,26 +28,18 @@ from .integrate import count_as_argument
 from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
-from .stepper import Carry, carried_on
+from .stepper import Carry, ConstantStep, carried_on
+
+
+class _Options(ConstantStep, total=False):
+    torque_axes: Any
+    chunk: int | None
+    mesh: Mesh | None
 
 
 @overload  # the return type follows `start` and `observe`
 def ensemble(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: StateT,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    torque_axes: Any = ...,
-    chunk: int | None = ...,
-    adjoint: Adjoint | None = ...,
-    mesh: Mesh | None = ...,
-    bath: HeatBath | None = ...,
+    method: Method | str, body: Body, torque: TorqueLike | None, start: StateT, **options: Unpack[_Options]
 ) -> Path[StateT]: ...
 @overload
 def ensemble(
@@ -57,17 +48,8 @@ def ensemble(
     torque: TorqueLike | None,
     start: AnyState | Carry,
     *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    torque_axes: Any = ...,
-    chunk: int | None = ...,
-    adjoint: Adjoint | None = ...,
-    mesh: Mesh | None = ...,
-    bath: HeatBath | None = ...,
     observe: Any = ...,
+    **options: Unpack[_Options],
 ) -> Path[Any]: ...
 def ensemble(
     method: Method | str,
@@ -89,9 +71,8 @@ def ensemble(
 ) -> Path[StateT]:
     """Integrates n bodies; each result agrees with `integrate` up to a few units in the last place.
 
-    Can be jitted and differentiated. Compiled once for each method, torque function and shape, and again for another
-    number of steps only if `integrate` is. Values that a torque computes from the time and from shared parameters, such
-    as the position on an orbit, are computed once for all bodies.
+    Can be jitted and differentiated. Compiled as often as `integrate`. Values that a torque computes from the time and
+    from shared parameters, such as the position on an orbit, are computed once for all bodies.
 
     Args:
         method, steps, first_step: as for `integrate`.
@@ -100,8 +81,7 @@ def ensemble(
             weights (n,): each body then has its own row. All bodies share the other parameters.
         start: with a leading axis (n,): momentum (n, 3), attitude (n, 4).
         dt, t0: (), or (n,) with one value for each body.
-        save_every: save the state every `save_every` steps, beginning with the initial state, as in `integrate`. `None`
-            returns only the final state and needs memory only for that.
+        save_every: as for `integrate`. None needs memory only for the final states.
         torque_axes: which parameters of the torque have one row per body. By default "auto": the choice for which the
             torque acts on one body. If the shapes allow several readings, as (3,) does with three bodies, a ValueError
             shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list of names,
@@ -110,12 +90,10 @@ def ensemble(
         chunk: number of bodies moved at once; by default the number that is fastest on this machine.
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
         mesh: devices over which the bodies are spread, along all axes of the mesh; `jax.make_mesh((4,), ("bodies",))`
-            makes a mesh of four devices. The results are bitwise equal on meshes of any size, if `chunk` is the same
-            and no larger than the number of bodies per device.
-        observe: what the path holds instead of the states. An observable is a function of (t, state) of one body, an
-            observable of `midlie_jax.observe`, or a dict of these. A statistic combines observables over all bodies
-            with trustworthy values at a time, such as `midlie_jax.observe.Mean(f)`, or over bodies and times, such as
-            `midlie_jax.observe.Spectrum(f, 1000)`. A statistic needs one `dt` and `t0` for all bodies.
+            makes one of four devices. Results are bitwise equal on meshes of any size, if `chunk` is the same and no
+            larger than the number of bodies per device.
+        observe: as for `integrate`; or a statistic that combines an observable over all bodies with trustworthy values
+            at a time, such as `midlie_jax.observe.Mean(f)`. A statistic needs one `dt` and `t0` for all bodies.
         bath: as for `integrate`, with one key per body, `jax.random.split(key, n)`. Its other parameters may have rows
             too. `torque_axes` names them `"bath.kT"` and so on; a tree of axes becomes a pair, for torque and bath.
 
@@ -129,7 +107,6 @@ def ensemble(
         ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the remedy.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
         >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
         >>> ends = ml.ensemble("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
@@ -152,32 +129,22 @@ def ensemble(
     adjoint, intervals = as_adjoint(adjoint), 1 if save_every is None else steps // save_every
     every = count_as_argument(steps // intervals, steps, adjoint)
     run = batch.method, adjoint, batch.mapped, batch.shared, first
-    tables = shared_tables(*run, steps if isinstance(every, int) else _prepared_steps(steps))
+    prepared = steps if isinstance(every, int) else budgets.PREPARED_STEPS
+    while prepared < steps:  # one program then serves up to 4 times more steps
+        prepared *= 4
+    tables = shared_tables(*run, prepared)
     guarded = carried is None and not bodies_at_once()
     saving = intervals, every, save_every is None, size, observe, mesh
     return run_ensemble(*run, *saving, tables=tables, guarded=guarded, begins=carried)
 
 
-def _prepared_steps(steps: int) -> int:
-    """The length of the table of prepared inputs; one program then serves up to 4 times more steps."""
-    length = budgets.PREPARED_STEPS
-    while length < steps:
-        length *= 4
-    return length
-
-
 class Batch(NamedTuple):
-    """The checked bodies of an ensemble, and the method fitted to them.
-
-    Attributes:
-        mapped, shared: body, torque, start, dt and t0, each with None for the leaves of the other; mapped leaves have
-            rows.
-    """
+    """The checked bodies of an ensemble, and the method fitted to them."""
 
     method: Method
     bodies: int
-    mapped: Any
-    shared: Any
+    mapped: Any  # body, torque, start, dt and t0, with None for the leaves that all bodies share
+    shared: Any  # the same, with None for the leaves that have rows
 
 
 def as_batch(
@@ -193,8 +160,12 @@ def as_batch(
     """The checked arguments of `ensemble`; `bath` is the reason why no heat bath is possible here, if none is."""
     once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
-    one = partial(_torque_and_state_of_one, body, torque, start, torque_axes)
-    method = check_system(as_method(method), body, torque, start, batch=1, bath=bath, of_one=one)
+
+    def of_one() -> tuple[Any, Any]:
+        marks = once(_rows_of_torque, body, torque, start, torque_axes)
+        return jax.tree.map(lambda x, own: row_of(x) if own else x, torque, marks), jax.tree.map(row_of, start)
+
+    method = check_system(as_method(method), body, torque, start, batch=1, bath=bath, of_one=of_one)
     if count == 0:
         raise ValueError(
             f"start holds no bodies: its momentum has shape {start.momentum.shape}; give it one row for each body."
@@ -206,11 +177,6 @@ def as_batch(
     return Batch(method, count, *eqx.partition(arguments, marks))
 
 
-def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:
-    marks = once(_rows_of_torque, body, torque, start, torque_axes)
-    return jax.tree.map(lambda x, own: row_of(x) if own else x, torque, marks), jax.tree.map(row_of, start)
-
-
 def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any:
     return torque_rows(torque, torque_axes, body, bool(start.kind.batch_of(body)), start, start.momentum.shape[0])
 
@@ -220,14 +186,16 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
     own_body, count = bool(start.kind.batch_of(body)), start.momentum.shape[0]
     rows = (
         jax.tree.map(lambda _: own_body, body),
-        _rows_of_torque(body, torque, start, torque_axes),
+        once(_rows_of_torque, body, torque, start, torque_axes),
         jax.tree.map(lambda _: True, start),
         dt.ndim == 1,
         t0.ndim == 1,
     )
     _, bath = without_bath(torque)
     if bath is not None and isinstance(torque_axes, str) and torque_axes == AUTO and not all(rows[1].bath.keys):
-        _check_bath_of_one(bath, body, start, own_body, count)
+        if all(key.shape == (count,) for key in bath.keys):  # a key per body, but other parameters are wrong
+            one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)
+            one.check_on(jax.tree.map(lambda x: x[0], start), jax.tree.map(lambda x: x[0], body) if own_body else body)
         shape = next((key.shape for key in bath.keys if key.shape != (count,)), (count,))
         same = ", which would all get the same noise" if shape == () else ""
         raise ValueError(
@@ -236,13 +204,6 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return jax.tree.leaves(rows)
-
-
-def _check_bath_of_one(bath: HeatBath, body: Any, start: Any, own_body: bool, count: int) -> None:
-    """Raises the error of a bath that has a key per body but cannot be read as one bath per body."""
-    if all(key.shape == (count,) for key in bath.keys):
-        one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)
-        one.check_on(jax.tree.map(lambda x: x[0], start), jax.tree.map(lambda x: x[0], body) if own_body else body)
 
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:

@@ -26,12 +26,9 @@ _registered: set[type] = set()
 def register_for_export(*classes: type) -> None:
     """Registers the classes of this package with `jax.export`, as inputs and outputs of stored programs.
 
-    Call it before `serialize`, and again in the program that calls `deserialize`. A `Stepper` or a function in a torque
-    cannot be an input; the exported function uses it as a constant.
-
-    Args:
-        classes: Equinox modules of your own, such as a torque, with static fields that are numbers, strings, classes
-            or tuples of these.
+    Call it before `serialize`, and again in the program that calls `deserialize`, with your own Equinox modules, whose
+    static fields are numbers, strings, classes or tuples of these. A `Stepper` or a function in a torque cannot be an
+    input; the exported function uses it as a constant.
 
     Raises:
         TypeError: a class is not an Equinox module.
@@ -51,7 +48,8 @@ def register_for_export(*classes: type) -> None:
         if tuples not in _registered:
             export.register_namedtuple_serialization(tuples, serialized_name=_name(tuples))
             _registered.add(tuples)
-    for module in {*filter(_is_ours, classes_below(eqx.Module)), _RESULT, *classes} - _registered:
+    modules = (kind for kind in classes_below(eqx.Module) if kind.__module__.startswith("midlie_jax."))
+    for module in {*filter(_has_name, modules), _RESULT, *classes} - _registered:
         export.register_pytree_node_serialization(
             module,
             serialized_name=_name(module),
@@ -59,10 +57,6 @@ def register_for_export(*classes: type) -> None:
             deserialize_auxdata=_deserialized,
         )
         _registered.add(module)
-
-
-def _is_ours(kind: type) -> bool:
-    return kind.__module__.startswith("midlie_jax.") and _has_name(kind)
 
 
 def _has_name(kind: type) -> bool:
@@ -81,11 +75,9 @@ def _serialized(aux: Any) -> bytes:
 
 
 def _deserialized(stored: bytes) -> Any:
-    return _missing(), *(_from_json(value) for value in json.loads(stored))
-
-
-def _missing() -> Any:
-    return jax.tree_util.default_registry.flatten_one_level(Wrench(jax.numpy.zeros(3), jax.numpy.zeros(3)))[1][0]
+    zeros = jax.numpy.zeros(3)
+    no_wrapped = jax.tree_util.default_registry.flatten_one_level(Wrench(zeros, zeros))[1][0]
+    return no_wrapped, *(_from_json(value) for value in json.loads(stored))
 
 
 def _as_json(value: Any) -> Any:

@@ -1,7 +1,7 @@
 """`free_motion`: torque-free motion of a body at any times, each by one evaluation and without steps.
 
-The closed form is in `free_orbit.py`. One loop over the bodies finds their orbits, one follows the orbits for a short
-time, one doubles this time as often as the largest rotation of the batch needs, and one makes the states.
+The closed form is in `free_orbit.py`. One loop over the bodies finds their orbits, one follows them for a short time,
+one doubles this time as often as the largest rotation of the batch needs, and one makes the states.
 """
 
 from typing import Any
@@ -28,36 +28,29 @@ from .results import result_of
 def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.0) -> Path[StateT]:
     """The states of one free body at any times; supports `jax.vmap` over bodies and states.
 
-    Nothing is integrated. A state takes less than 2 times longer in a batch whose longest time is a million rotations
-    than in one whose longest time is one rotation. The error of momentum and attitude is a few eps (1 + Omega |t|),
-    relative to |Pi| and in radians. Omega = sqrt(2 energy / smallest moment) bounds the angular velocity. Close to the
-    separatrix the body tumbles between two steady rotations about the middle axis. The motion is then so sensitive to
-    the last digits of moments and momentum that the result is the exact motion for moments and a momentum that differ
-    by a few eps.
+    Nothing is integrated: a state after a million rotations takes less than 2 times longer than after one. The error of
+    momentum and attitude is a few eps (1 + Omega |t|), relative to |Pi| and in radians. Omega = sqrt(2 energy /
+    smallest moment) bounds the angular velocity. Close to the separatrix the body tumbles between two steady rotations
+    about the middle axis, and the result is the exact motion for moments and a momentum that differ by a few eps.
 
-    A body that translates moves along a straight line, with the rounding error of the distance t p/m. The axis of a
-    `SymmetricRotor` rotates about its momentum by one rotation, which is differentiable everywhere except at rest.
-
-    For other bodies it is differentiable if the three moments differ and the momentum is neither along a principal axis
-    nor on the separatrix. Otherwise derivatives can be NaN, unlike the derivatives of `integrate` with JACOBI. A
-    derivative always takes the largest number of doublings, 52 in float64, and its program takes some ten seconds to
-    compile.
+    A body that translates moves along a straight line, with the rounding error of the distance t p/m. The motion of a
+    `SymmetricRotor` is differentiable everywhere except at rest; of other bodies if the three moments differ and the
+    momentum is neither along a principal axis nor on the separatrix. Otherwise derivatives can be NaN, unlike the
+    derivatives of `integrate` with JACOBI.
 
     Args:
         body: a `RigidBody`, a `TensorBody` in a custom frame, a `SymmetricRotor`, or a `FreeBody` of one of these.
         start: the state at the time t0, of any kind that fits the body.
-        times: (n,), any times, before and after t0, not necessarily sorted. They must be so near zero that the dtype of
-            the state can distinguish them.
+        times: (n,), before and after t0, in any order, which the dtype of the state must be able to distinguish.
         t0: the time of the initial state, ().
 
     Returns:
-        The path, with `times` and `states` as given by `times`. `ok` is False if a time is so long that no digit of the
-        phase is left; if rounding errors of the attitude would be magnified by more than 64, as for a body 10 times
-        thinner than long that spins about its long side; or if a number is not finite.
+        The path at these times. `ok` is False if a time is so long that no digit of the phase is left; if rounding
+        errors of the attitude would be magnified by more than 64, as for a body 10 times thinner than long that spins
+        about its long side; or if a number is not finite.
 
     Raises:
-        ValueError: an argument is invalid; the message names the argument and the remedy. Raised before anything is
-            traced.
+        ValueError: as for `midlie_jax.integrate`.
 
     Examples:
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])

@@ -1,6 +1,6 @@
 """Detects blow-ups of translating or coupled bodies: the run gained energy that its forces do not give.
 
-A step beyond the stability limit of a force makes the motion grow without bound, but stay finite. The reach of a method
+A step beyond the stability limit of a force makes the motion grow without bound, but stay finite; the reach of a method
 detects this only for rotations. For a potential that does not depend on time, the run therefore compares its final
 energy with its initial energy, once, outside the loop over steps; `simulate` at the end of each part.
 
@@ -35,8 +35,14 @@ def with_gain_judged(
     potential = None if judged is False else _potential(system, start, t)
     if potential is None:
         return progress
+
+    def kinetic_of(motion: AnyMotion) -> Array:
+        products = jax.tree.map(jnp.multiply, motion.momentum, system.velocity(motion.momentum))
+        zero = jnp.zeros((), jax.tree.leaves(motion)[0].dtype)
+        return sum(map(jnp.sum, jax.tree.leaves(products)), start=zero) / 2
+
     ends = jax.lax.stop_gradient(jax.tree.map(lambda *x: jnp.stack(x), system.motion(start), progress.motion))
-    kinetic = jax.vmap(lambda motion: _kinetic(system, motion))(ends)
+    kinetic = jax.vmap(kinetic_of)(ends)
     height = jax.lax.stop_gradient(jax.vmap(lambda motion: system.number(potential, t, motion))(ends))
     gain = (kinetic[1] - kinetic[0]) + (height[1] - height[0])
     given = kinetic[0] + jnp.maximum(height[0] - height[1], 0)
@@ -52,11 +58,6 @@ def _potential(system: System, start: AnyState, t: Array) -> Any:
     if system.torque is None or not travels or system.reads_momentum or system.bath is not None:
         return None
     return steady_potential(system.torque, t, start)
-
-
-def _kinetic(system: System, motion: AnyMotion) -> Array:
-    products = jax.tree.map(jnp.multiply, motion.momentum, system.velocity(motion.momentum))
-    return sum(map(jnp.sum, jax.tree.leaves(products)), start=jnp.zeros((), jax.tree.leaves(motion)[0].dtype)) / 2
 
 
 def _moves(system: System, least: float, h: Array, motion: AnyMotion) -> Array:

@@ -1,6 +1,6 @@
 """`integrate`: the driver with a constant step, a `lax.scan` over steps that saves the state at regular intervals."""
 
-from typing import Any, overload
+from typing import Any, Unpack, overload
 
 import jax
 import jax.numpy as jnp
@@ -26,29 +26,18 @@ from .bad_start import finite_start, nan_unless
 from .clock import time_of
 from .derivatives import Adjoint, Checkpointed, as_adjoint
 from .gain import with_gain_judged
-from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import Path, end_alone, first_bad
 from .results import result_of
 from .shared_inputs import Rows, SharedInputs
-from .stepper import Carry, OneStep, carried_on, check_carried
+from .stepper import Carry, ConstantStep, carried_on, check_carried
+from .steps import Leg, OneStep, in_leg
 
 
 @overload  # the return type follows `start` and `observe`
 def integrate(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: StateT,
-    *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    adjoint: Adjoint | None = ...,
-    bath: HeatBath | None = ...,
+    method: Method | str, body: Body, torque: TorqueLike | None, start: StateT, **options: Unpack[ConstantStep]
 ) -> Path[StateT]: ...
 @overload
 def integrate(
@@ -57,14 +46,8 @@ def integrate(
     torque: TorqueLike | None,
     start: AnyState | Carry,
     *,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    first_step: int | Array = ...,
-    adjoint: Adjoint | None = ...,
-    bath: HeatBath | None = ...,
     observe: Any = ...,
+    **options: Unpack[ConstantStep],
 ) -> Path[Any]: ...
 def integrate(
     method: Method | str,
@@ -96,20 +79,16 @@ def integrate(
         start: the initial state; its class decides what is integrated besides the momentum. Or the `carry` of a path,
             from which the run continues with the same bits and noise; method, body, torque, dt and t0 must then be the
             same as for that path.
-        dt: step, (), may be negative.
-        steps: number of steps.
+        dt, steps: the step, (), which may be negative, and the number of steps.
         save_every: save the state every `save_every` steps, beginning with the initial state; must divide `steps`.
             None: only the final state, without a leading axis.
         t0: time of step 0, (). dt must be at least 4 units in the last place of t0; otherwise times would not change.
             In float32 count the time from the beginning of the run, or use float64.
-        first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
-            integer index. A run continued from a saved state needs the index of this state as `first_step`. It then has
-            the same random numbers as the uninterrupted run and agrees with it up to rounding; from a `Carry`, bit for
-            bit.
-        adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state per
-            step, or in a long run one per about a hundred steps, and recomputes the rest. `Reversible()`: reverse mode
-            takes the steps backwards, and memory does not grow with the number of steps. `Forward()`: forward mode
-            only.
+        first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt. A run continued
+            from a saved state needs the index of this state: it then has the random numbers of the uninterrupted run
+            and agrees with it up to rounding; from a `Carry`, bit for bit.
+        adjoint: how a derivative of the run is computed: `Checkpointed()`, the default, or another of
+            `midlie_jax.adjoints`.
         observe: what the path holds instead of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
             `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
@@ -127,10 +106,8 @@ def integrate(
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
-        >>> path.states.attitude.shape
-        (101, 4)
-        >>> bool(path.ok), bool(jnp.ptp(ml.observe.energy(body, torque, path)) < 1e-3)
-        (True, True)
+        >>> path.states.attitude.shape, bool(path.ok), bool(jnp.ptp(ml.observe.energy(body, torque, path)) < 1e-3)
+        ((101, 4), True, True)
     """
     steps, observe = as_count("steps", steps), as_observe_of_one(observe)
     save_every = as_saving(save_every, steps)
@@ -145,19 +122,15 @@ def integrate(
     check_step(method, h)
     check_times(method, torque, begin, h, first, steps)
     adjoint, every = as_adjoint(adjoint), save_every or steps
-    run = adjoint, body, torque, state, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
+    run = (body, torque, state, h, begin), first, steps // every, count_as_argument(every, steps, adjoint)
     guarded = carried is None and not bodies_at_once()
-    return _run(method, *run, at_end=save_every is None, observe=observe, guarded=guarded, carried=carried)
+    return _run(method, adjoint, *run, at_end=save_every is None, observe=observe, guarded=guarded, carried=carried)
 
 
 def run_of_body(
     method: Method,
     adjoint: Adjoint,
-    body: Any,
-    torque: Any,
-    start: AnyState,
-    dt: Array,
-    t0: Array,
+    arguments: tuple[Any, Any, AnyState, Array, Array],
     first: Array,
     intervals: int,
     save_every: int | Array,
@@ -168,17 +141,17 @@ def run_of_body(
     guarded: bool = False,
     carried: Progress | None = None,
 ) -> Path[Any]:
-    """`integrate` without the checks.
+    """`integrate` without the checks; the arguments are body, torque, start, dt and t0.
 
-    An array `save_every` is an argument of the program. With it, or with a `leg` (the part of the steps that is taken,
-    see `legs.py`), `adjoint` is ignored. After a leg only its own saved states, failures and final carry are valid.
-    With prepared inputs, `shared` is the step and `rows` its inputs. `guarded`: an initial state that is not finite
-    must not reach the steps, which may be differentiated. `carried` is the progress from a `Carry`; of `start` then
-    only class, shape and dtype are read.
+    With an array `save_every` or a `leg` (the part of the steps that is taken, see `Leg`), `adjoint` is ignored.
+    After a leg only its own saved states, failures and final carry are valid. `guarded`: an initial state that is not
+    finite must not reach the steps, which may be differentiated. `carried` is the progress from a `Carry`; of `start`
+    then only class, shape and dtype are read.
     """
-    axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
+    body, torque, start, dt, t0 = arguments
+    axes = axes_of_run((arguments, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
-    body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
+    body, torque, start, dt, t0 = all_promoted(arguments, axes)
     system = method.system(body, torque, start, t0, dt)
     if isinstance(save_every, int):
         adjoint.check(method, system, save_every)
@@ -207,7 +180,7 @@ def run_of_body(
         if leg is not None:
             return in_leg(leg, one, first, n - first, save_every, rows, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        return adjoint.run(one.many((indices, rows_of_interval), save_every, intervals * save_every), progress)
+        return adjoint.run(one, (indices, rows_of_interval), intervals * save_every, progress)
 
     def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
         n, rows_of_interval = interval
@@ -246,22 +219,20 @@ def run_of_body(
     return Path(times, seen, progress.ok & finite, bad, result, carry)
 
 
-def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
+def path_of_body(*run: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
     """Like `run_of_body`; a statistic of time replaces the values."""
-    path = run_of_body(*arguments, observe=observe, **options)
-    if not isinstance(observe, Series):
-        return end_alone(path) if at_end else path
-    dt, save_every = arguments[5], arguments[9]
-    good = jnp.arange(len(path.times), dtype=jnp.int32) < path.first_bad
-    values = jax.tree.map(lambda x: x[None], path.states)
-    path = path._replace(states=observe.of_bodies(values, good[None], dt * jnp.asarray(save_every, dt.dtype)))
+    path = run_of_body(*run, observe=observe, **options)
+    if isinstance(observe, Series):
+        *_, (_, _, _, dt, _), _, _, save_every = run
+        good = jnp.arange(len(path.times), dtype=jnp.int32) < path.first_bad
+        values = jax.tree.map(lambda x: x[None], path.states)
+        path = path._replace(states=observe.of_bodies(values, good[None], dt * jnp.asarray(save_every, dt.dtype)))
     return end_alone(path) if at_end else path
 
 
-def _side_by_side(
-    method: Method, adjoint: Adjoint, body: Any, torque: Any, start: Any, *others: Any, **more: Any
-) -> int:
+def _side_by_side(method: Method, adjoint: Adjoint, arguments: Any, *others: Any, **more: Any) -> int:
     """The number of bodies that a step moves side by side; few bodies are moved number by number, like one."""
+    start = arguments[2]
     return start.count if start.several and start.count > budgets.UNROLLED_BODIES else 1
 
 
@@ -271,9 +242,8 @@ _run = tuned_jit(path_of_body, _side_by_side)
 def count_as_argument(every: int, steps: int, adjoint: Adjoint) -> Any:
     """The steps between two saved states: an array, so that one program serves every number, or an int.
 
-    JAX needs an int for a reverse derivative. An accelerator needs one to launch kernels without a check after each.
-    The number is therefore an argument only on a CPU, outside of every other program (`jax.jit`, `jax.grad` and the
-    like). An adjoint other than the default is checked when the program is made, with all its numbers.
+    A reverse derivative needs an int, and so does an accelerator, to launch kernels without a check after each. The
+    number is therefore an argument only on a CPU, outside of every other program (`jax.jit`, `jax.grad` and the like).
     """
     default = isinstance(adjoint, Checkpointed) and adjoint.every is None
     free = default and (every == steps or every >= budgets.COUNTED_STEPS)

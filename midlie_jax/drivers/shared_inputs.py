@@ -1,8 +1,8 @@
 """Inputs that all bodies share, computed once per ensemble, such as an orbit or a field over time.
 
 XLA would recompute them in every chunk of bodies. `find` traces one step of one body and splits it
-(`_xla/hoisting.py`). `SharedInputs.rows` computes the values that are expensive, change from step to step and are the
-same for all bodies, in a table with one row per step. `SharedInputs.advance` is the step that reads its row.
+(`_xla/hoisting.py`): `SharedInputs.rows` computes the expensive values that change from step to step and are the same
+for all bodies; `SharedInputs.advance` is the step that reads its row of them.
 """
 
 from functools import partial
@@ -38,10 +38,7 @@ class SharedInputs(NamedTuple):
         return self.hoisted.prepare(n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
 
     def table(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
-        """The rows of steps with these indices, (k,), with a leading axis (k,); k is a multiple of PREPARED_ROWS.
-
-        All blocks have the same size, so the code that computes a row, and therefore its bits, do not depend on k.
-        """
+        """The rows of steps with these indices (k,), a multiple of PREPARED_ROWS so that their bits depend not on k."""
         return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=budgets.PREPARED_ROWS)
 
     def advance(self, system: System, t0: Array, dt: Array, progress: Progress, n: Array, row: Any) -> Progress:
@@ -88,17 +85,10 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     inputs = [jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]
     known = [True, True, True, *(not o for o in own), *[False] * structure.num_leaves]
     varying = [True, *[False] * (len(inputs) - 1)]
-    split = hoist(jax.make_jaxpr(step)(*map(_without_mesh, inputs)), known, varying)
+    # Without the mesh of an array, which JAX would write into operations that `jax.shard_map` could not perform.
+    types = [jax.ShapeDtypeStruct(x.shape, x.dtype, weak_type=jax.typeof(x).weak_type) for x in inputs]
+    split = hoist(jax.make_jaxpr(step)(*types), known, varying)
     return None if split is None else SharedInputs(costly, split, structure)
-
-
-def _without_mesh(value: Array) -> jax.ShapeDtypeStruct:
-    """The type of an array, without the mesh on which it lies, for example because it is the final state of a run
-    there.
-
-    JAX would write the mesh into the operations of the traced step, which `jax.shard_map` could then not perform.
-    """
-    return jax.ShapeDtypeStruct(value.shape, value.dtype, weak_type=jax.typeof(value).weak_type)
 
 
 def _arrays(system: System) -> list[Array]:

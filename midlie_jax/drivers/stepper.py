@@ -1,8 +1,8 @@
-"""`stepper`: the steps of a method as pure functions of a `Carry`; `OneStep`: the step of every driver."""
+"""`stepper`: the steps of a method as pure functions of a `Carry`, from which every driver can continue."""
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Required, TypedDict
 
 import equinox as eqx
 import jax
@@ -13,7 +13,6 @@ from jax import Array
 from .._checks.arguments import as_count
 from .._math import components as cp
 from .._math.components import is_traced
-from .._xla.mesh import NONE, Axes
 from ..integrators.base import Method, Progress
 from ..integrators.system import System
 from ..integrators.verdict import at_start
@@ -23,85 +22,25 @@ from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from ..model.torques.reads_body import with_bath, without_bath
 from .arguments import as_first_step, as_method, as_scalar, check_clock, check_step, check_system
-from .clock import ends_of_step, ends_of_step_back, time_of
-from .derivatives import Adjoint, Steps, as_adjoint
+from .clock import time_of
+from .derivatives import Adjoint, as_adjoint
 from .results import result_of
-from .shared_inputs import SharedInputs
+from .steps import OneStep
 
 
-class OneStep(NamedTuple):
-    """The steps of a run with a constant step `dt`; `t0` is the time of step 0."""
+class Options(TypedDict, total=False):
+    """The arguments that all drivers have by keyword, for type checkers."""
 
-    method: Method
-    system: System
-    t0: Array
-    dt: Array
-    shared: SharedInputs | None = None
-    axes: Axes = NONE
+    dt: Required[float | Array]
+    steps: Required[int]
+    save_every: int | None
+    t0: float | Array
+    adjoint: Adjoint | None
 
-    @property
-    def unroll(self) -> int:
-        """Steps per iteration of a loop; one if the torque contains a loop, so that it is compiled once."""
-        return 1 if self.system.placement.is_compiled_once else self.method.unroll
 
-    def take(self, progress: Progress, step: tuple[Array, Any]) -> Progress:
-        """The progress after a step, from its index and its prepared inputs."""
-        n, row = step
-        if self.shared is not None:
-            return self.shared.advance(self.system, self.t0, self.dt, progress, n, row)
-        ends = partial(ends_of_step, n)
-        return self.method.advance(self.system.at_step(n), (self.t0, self.dt), ends, self.dt, progress, self.axes)[0]
-
-    def take_back(self, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
-        """The progress before a step, and intermediate results for `take_again`."""
-        method, ends = self.method, partial(ends_of_step_back, step[0])
-        run = self.system, (self.t0, self.dt), ends, -self.dt, progress, self.axes, method.step_back
-        progress, (_, known) = method.advance(*run)
-        return progress, known
-
-    def take_again(self, progress: Progress, step: tuple[Array, Any], known: Any) -> Progress:
-        """`take` for the derivative alone, after `take_back`."""
-        if self.shared is not None:
-            return self.take(progress, step)
-        again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0])
-        return self.method.advance(self.system, (self.t0, self.dt), ends, self.dt, progress, self.axes, again)[0]
-
-    def loop(
-        self, progress: Progress, first: Array, iterations: Array, size: int = 1, rows: Any = None, skip: Any = 0
-    ) -> Progress:
-        """The progress after several iterations of `size` steps each; `iterations` is an argument of the compiled
-        program.
-
-        `first` is the index of the step that belongs to the first of `rows`; `skip` numbers the first step, counted
-        from there.
-        """
-
-        def take(progress: Progress, number: Array) -> tuple[Progress, None]:
-            row = jax.tree.map(lambda x: x[number], rows)
-            return self.take(progress, (first + number, row)), None
-
-        def iteration(i: Array, progress: Progress) -> Progress:
-            begin = skip + i * size
-            if size > self.unroll:
-                numbers = begin + jnp.arange(size, dtype=jnp.int32)
-                return jax.lax.scan(take, progress, numbers, unroll=self.unroll)[0]
-            for k in range(size):
-                progress, _ = take(progress, begin + k)
-            return progress
-
-        return jax.lax.fori_loop(0, iterations, iteration, progress)
-
-    def counted(self, progress: Progress, first: Array, count: Array, rows: Any = None, skip: Any = 0) -> Progress:
-        """The progress after a traced number of steps; arguments as for `loop`."""
-        whole = count // self.unroll
-        progress = self.loop(progress, first, whole, self.unroll, rows, skip)
-        taken = whole * self.unroll
-        return progress if self.unroll == 1 else self.loop(progress, first, count - taken, 1, rows, skip + taken)
-
-    def many(self, inputs: Any, number: int, total: int) -> Steps:
-        """Consecutive steps for an adjoint, `number` of the `total` of the run, with their indices and rows."""
-        fused = self.method.is_one_loop(self.system)
-        return Steps(self.take, self.take_back, self.take_again, inputs, number, total, self.unroll, fused)
+class ConstantStep(Options, total=False):
+    first_step: int | Array
+    bath: HeatBath | None
 
 
 class Carry(eqx.Module):
@@ -117,8 +56,6 @@ class Carry(eqx.Module):
         clock: the time and the step length of a run with variable steps, or None.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> half = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=50)
         >>> whole = ml.integrate("JACOBI[EA]", body, torque, half.carry, dt=0.01, steps=50)
         >>> int(whole.carry.index)
@@ -144,18 +81,13 @@ class Carry(eqx.Module):
 class Stepper:
     """The steps of one body as pure functions of a `Carry`; made by `midlie_jax.stepper`. A pytree.
 
-    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a custom `lax.scan`, `unroll=2` avoids a
-    copy of the arrays in XLA.
-
-    Attributes:
-        t0, dt: (), the time of step 0, and the step.
+    `t0` is the time of step 0, (), and `dt` the step, (). Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and
+    `lax.while_loop`. In a custom `lax.scan`, `unroll=2` avoids a copy of the arrays in XLA.
 
     Examples:
-        >>> body = ml.RigidBody([5.0, 4.0, 1.0])
-        >>> start = ml.RigidState([0.0, 0.0, 9.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.01)
-        >>> carry, _ = jax.lax.scan(lambda carry, _: (free.step(carry), None), free.init(), length=100)
-        >>> round(float(free.time(carry)), 6), free.result(carry) == ml.RESULTS.successful
+        >>> top = ml.stepper("JACOBI[EA]", body, torque, start, dt=0.01)
+        >>> carry, _ = jax.lax.scan(lambda carry, _: (top.step(carry), None), top.init(), length=100)
+        >>> round(float(top.time(carry)), 6), top.result(carry) == ml.RESULTS.successful
         (1.0, Array(True, dtype=bool))
     """
 
@@ -183,11 +115,7 @@ class Stepper:
         return without_bath(self._parts[2])[0]
 
     def init(self, start: AnyState | None = None, first_step: Any = 0) -> Carry:
-        """The carry before the first step.
-
-        Args:
-            start: the state before this step, by default the state given to `stepper`.
-            first_step: the index of the first step.
+        """The carry before the step with the index `first_step`, from a state, by default the one given to `stepper`.
 
         Raises:
             ValueError: the state has another class, shape or dtype.
@@ -245,7 +173,7 @@ class Stepper:
             adjoint = as_adjoint(adjoint)
             adjoint.check(method, one.system, steps)
             indices = carry.index + jnp.arange(steps, dtype=jnp.int32)
-            progress = adjoint.run(one.many((indices, None), steps, steps), progress)
+            progress = adjoint.run(one, (indices, None), steps, progress)
         index = carry.index + steps
         return Carry(index, progress if own is one else _moved_over(one, own, index, progress), carry.kind)
 
@@ -254,23 +182,18 @@ class Stepper:
         return self._parts[-1].state(carry.progress.motion)
 
     def with_state(self, carry: Carry, state: AnyState) -> Carry:
-        """The carry with another state, at the same index and with the same verdict: an impulse, noise, an estimate.
-
-        Args:
-            carry: as for `step`.
-            state: of the class, shape and dtype of the run, in the user's axes.
+        """The carry with another state, in the user's axes, at the same index and with the same verdict.
 
         Raises:
             ValueError: the state has another class, shape or dtype.
 
         Examples:
-            >>> body, start = ml.RigidBody([5.0, 4.0, 1.0]), ml.RigidState([0.0, 0.0, 9.0], [1.0, 0.0, 0.0, 0.0])
             >>> free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.01)
             >>> carry = free.advance(free.init(), 50)
             >>> kick = jnp.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])  # of the momentum, without a rotation
             >>> carry = free.with_state(carry, free.state(carry).plus(kick))
             >>> free.state(carry).momentum.round(6), int(carry.index)
-            (Array([0., 2., 9.], dtype=float64), 50)
+            (Array([ 0.,  2., 50.], dtype=float64), 50)
         """
         _check_no_clock(carry)
         method, *_, like, system = self._parts
@@ -350,21 +273,13 @@ def stepper(
     """The steps of a method as pure functions, for custom loops: control, learning, bodies that change.
 
     Args:
-        method, body, torque: as for `midlie_jax.integrate`.
+        method, body, torque, dt, t0, bath: as for `midlie_jax.integrate`.
         start: the initial state, which sets the class, shape and dtype of the run.
-        dt: step, (), may be negative.
-        t0: time of step 0, ().
-        bath: as for `midlie_jax.integrate`.
-
-    Returns:
-        A `Stepper`.
 
     Raises:
         ValueError: as for `midlie_jax.integrate`.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> top = ml.stepper("JACOBI[EA]", body, torque, start, dt=0.01)
         >>> carry = top.advance(top.init(), 99)
         >>> carry = top.step(carry, torque=ml.torques.HeavyTop(30.0))  # one step under another weight

@@ -10,13 +10,12 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
 the same steps backwards. `python benchmarks/rounding.py variable` measures when it pays.
 
-The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
-and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
-bit. A body that has reached t1 or has failed takes such steps while the rest of the batch continues.
+The loop carries the length of the next step in addition to rho, so that a step itself compiles to one loop (see
+`_xla.fusion`). A body that has reached t1 or has failed takes steps of length zero, which leave it unchanged, bit for
+bit, while the rest of the batch continues.
 """
 
-from functools import partial
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, Required, Unpack, overload
 
 import equinox as eqx
 import jax
@@ -45,12 +44,10 @@ from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import Path, end_alone, first_bad
 from .results import result_of
-from .stepper import Carry, check_carried
+from .stepper import Carry, Options, check_carried
 
-# The last step may exceed dt / half by this fraction. Otherwise rounding could leave one more, tiny step.
-_SLACK = 1e-3
-# The run fails if rho and the density differ by more than this factor: the steps no longer follow the density.
-_LARGEST_FACTOR = 2.0
+_SLACK = 1e-3  # the share by which the last step may exceed dt / half: rounding could leave one more, tiny step
+_LARGEST_FACTOR = 2.0  # between rho and the density: beyond it the steps no longer follow the density
 
 
 class _Clock(NamedTuple):
@@ -63,21 +60,15 @@ class _Clock(NamedTuple):
     taken: Array  # steps taken
 
 
+class _Options(Options, total=False):
+    density: Required[DensityLike]
+    t1: float | Array | None
+    rho: float | Array | None
+
+
 @overload  # the return type follows `start` and `observe`
 def integrate_variable_step(
-    method: Method | str,
-    body: Body,
-    torque: TorqueLike | None,
-    start: StateT,
-    *,
-    density: DensityLike,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    t1: float | Array | None = ...,
-    rho: float | Array | None = ...,
-    adjoint: Adjoint | None = ...,
+    method: Method | str, body: Body, torque: TorqueLike | None, start: StateT, **options: Unpack[_Options]
 ) -> Path[StateT]: ...
 @overload
 def integrate_variable_step(
@@ -86,15 +77,8 @@ def integrate_variable_step(
     torque: TorqueLike | None,
     start: AnyState | Carry,
     *,
-    density: DensityLike,
-    dt: float | Array,
-    steps: int,
-    save_every: int | None = ...,
-    t0: float | Array = ...,
-    t1: float | Array | None = ...,
-    rho: float | Array | None = ...,
-    adjoint: Adjoint | None = ...,
     observe: Any = ...,
+    **options: Unpack[_Options],
 ) -> Path[Any]: ...
 def integrate_variable_step(
     method: Method | str,
@@ -114,18 +98,16 @@ def integrate_variable_step(
 ) -> Path[StateT]:
     """Integrates one body reversibly with steps of about dt / density; supports `jax.vmap` over any argument.
 
-    Without `t1` the run takes `steps` steps. The bodies of a batch end at different times, and no step is wasted. With
-    `t1` it takes at most `steps`. A batch then runs until its slowest body has reached `t1`, which is checked at least
-    every 32 steps. A body that has reached `t1` needs as much run time as one that still moves, so put bodies with
-    similar numbers of steps in one batch. Each body has its own times. Functions of time alone, such as a common orbit,
-    are therefore computed per body.
+    Without `t1` the run takes `steps` steps, and the bodies of a batch end at different times. With `t1` it takes at
+    most `steps`. A batch then runs until its slowest body has reached `t1`, which is checked at least every 32 steps,
+    so put bodies with similar numbers of steps in one batch. Each body has its own times. Functions of time alone, such
+    as a common orbit, are therefore computed per body.
 
-    A run continues bit for bit from `path.carry`, also to another `t1`. The run is reversible: start at the last state
-    with -dt, and pass the last `rho` of the path as `rho`. It then takes the same steps and returns to the initial
-    state up to rounding. A run that ends at `t1` is not reversible, because its last step is cut short.
+    A run continues bit for bit from `path.carry`, also to another `t1`. From the last state and the last `rho` of the
+    path, with -dt, it returns to the initial state up to rounding; but not after a last step that was cut short at t1.
 
-    Compiled on the first call for each method, torque, density function, shape and number of steps. Differentiable with
-    respect to every array, in forward and reverse mode; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
+    Compiled for each method, torque, density function, shape and number of steps. Differentiable with respect to every
+    array, in forward and reverse mode; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
 
     Args:
         method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
@@ -139,23 +121,18 @@ def integrate_variable_step(
         save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state are
             repeated. None: only the final state.
         t1: the exact end time, (); dt must point from t0 to t1.
-        rho: the initial rho, (); by default the density at the initial state. To reverse a run from a saved state, or
-            to continue from it up to rounding, pass the entry of `path.rho` at that state.
-        adjoint: `Checkpointed()`, the default without `t1`; or `Forward()`, the default with `t1`, which stops when all
-            bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, because reverse mode needs a
-            fixed number.
+        rho: the initial rho, (); by default the density at the initial state. From a saved state pass its entry of
+            `path.rho`.
+        adjoint: `Checkpointed()`, the default without `t1`, which always runs all of `steps`, because reverse mode
+            needs a fixed number; or `Forward()`, the default with `t1`.
 
     Returns:
-        The path. If the run fails, `path.ok` is False, and no exception is raised. A body that failed does not move any
-        more.
+        The path. If the run fails, `path.ok` is False, no exception is raised, and the body does not move any more.
 
     Raises:
-        ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the
-            remedy. It is raised before anything is traced.
+        ValueError: as for `midlie_jax.integrate`, or the method is not symmetric.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
         >>> path = ml.integrate_variable_step("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
         >>> path.times.shape, path.rho.shape, int(path.taken), bool(path.ok)  # steps of about 0.01 / rho
@@ -173,7 +150,11 @@ def integrate_variable_step(
             "midlie_jax.integrate or midlie_jax.ensemble."
         )
     carried = start if isinstance(start, Carry) else None
-    state: Any = start if carried is None else _state_of(carried, t0, rho)
+    if carried is not None and carried.clock is None:
+        raise ValueError("start must be the carry of a run with variable steps, got the carry of steps of one length.")
+    if carried is not None and (rho is not None or isinstance(t0, Array | np.ndarray) or t0 != 0):
+        raise ValueError("t0 and rho must be left out where start is a Carry, which has the time and rho.")
+    state: Any = start if carried is None else carried.like
     refused = "integrate_variable_step chooses its steps by the state, and in a heat bath that would bias averages"
     method = check_system(as_method(method), body, torque, state, bath=refused)
     if state.kind.constant_steps:
@@ -203,46 +184,27 @@ def integrate_variable_step(
         if not cp.is_traced(begin, t1):
             check_span("torque", torque, begin, t1)
             check_span("density", density, begin, t1)
-    if carried is None:
-        _check_first_step(density, dt, begin, rho, state)
+    known = carried is None and not cp.is_traced(density, dt, begin, rho, state)
+    if known and abs(dt) < LEAST_ULPS * cp.epsilon(dt) * abs(begin):
+        value: Any = density(begin, state) if rho is None else rho
+        check_clock(begin, jnp.where(jnp.asarray(value) > 0, dt / value, dt))
     all_steps = t1 is None or isinstance(adjoint, Checkpointed)
     begun = None if carried is None else (carried.progress, carried.clock)
-    return _run(method, body, torque, state, density, dt, begin, t1, rho, steps, save_every, all_steps, observe, begun)
-
-
-def _state_of(carried: Carry, t0: Any, rho: Any) -> Any:
-    if carried.clock is None:
-        raise ValueError("start must be the carry of a run with variable steps, got the carry of steps of one length.")
-    if rho is not None or isinstance(t0, Array | np.ndarray) or t0 != 0:
-        raise ValueError("t0 and rho must be left out where start is a Carry, which has the time and rho.")
-    return carried.like
-
-
-def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
-    if cp.is_traced(density, dt, t0, rho, start) or abs(dt) >= LEAST_ULPS * cp.epsilon(dt) * abs(t0):
-        return  # the ordinary case
-    value = density(t0, start) if rho is None else rho
-    check_clock(t0, jnp.where(jnp.asarray(value) > 0, dt / value, dt))
+    arguments = body, torque, state, density, dt, begin, t1, rho
+    return _run(method, arguments, steps, save_every, all_steps, observe, begun)
 
 
 @tuned_jit
 def _run(
     method: Method,
-    body: Any,
-    torque: Any,
-    start: AnyState,
-    density: Any,
-    dt: Array,
-    t0: Array,
-    t1: Array | None,
-    rho: Array | None,
+    arguments: Any,
     steps: int,
     save_every: int | None,
     all_steps: bool,
     observe: Observe | None,
     begun: tuple[Progress, Any] | None,
 ) -> Path[Any]:
-    arguments = (body, torque, start, density, dt, t0, t1, rho)
+    body, torque, start, density, dt, t0, t1, rho = arguments
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
     system = System.of(body, torque, start, t0)
@@ -257,21 +219,29 @@ def _run(
         # In the compiled program the step is one loop, and the step control with its divisions is another.
         progress, (t_end, residue) = method.advance(system, (clock, t1), _ends_of_step, clock.h, progress, axes)
         value, slope = _density_and_slope(system, density, t_end, progress)
-        clock, ok = _clock_after_step(clock, t_end, residue, dt, t1, value, slope, progress.ok)
-        judged = earlier(progress.verdict, jnp.where(ok, FINE, UNFOLLOWED))
+        ok, moved = progress.ok, clock.h != 0
+        rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
+        ok = ok & _follows(rho, value)
+        clock = clock._replace(t=t_end, residue=residue, rho=rho, taken=clock.taken + moved.astype(jnp.int32))
+        clock = _with_next_step(clock, dt, t1, slope, ok)
+        judged = earlier(progress.verdict, jnp.where(ok & (clock.half > 0), FINE, UNFOLLOWED))
         return fuse(all_promoted((progress._replace(verdict=judged), clock), axes)), None
 
     if begun is None:
         progress = method.begin(system, start, t0)
         value, slope = _density_and_slope(system, density, t0, progress)
-        clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
+        rho_0 = value if rho is None else rho
+        zero = jnp.zeros_like(rho_0)  # from rho, so that all fields have the type of the motion on a mesh as well
+        clock = _Clock(
+            t0 + zero, zero, rho_0, rho_0, zero, jnp.zeros_like(rho_0, bool), jnp.zeros_like(rho_0, jnp.int32)
+        )
+        clock = _with_next_step(clock, dt, t1, slope, jnp.ones_like(rho_0, bool))
         follows = _follows(clock.rho, value) & (clock.half > 0)
         verdict = jnp.where(follows, FINE, UNFOLLOWED)
     else:
         progress, clock = begun
         clock, verdict = _with_length(clock, dt, t1, progress.ok), progress.verdict
-    # Two checkpoints are needed, because each reverse derivative of a derivative removes one; see
-    # `_xla.keep.recomputed`.
+    # Each reverse derivative of a derivative removes one checkpoint; see `_xla.keep.recomputed`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
 
     def take_steps(carry: Any, count: int) -> Any:
@@ -313,13 +283,6 @@ def _run(
     return path if save_every else end_alone(path)._replace(rho=rhos[-1])
 
 
-def _first_clock(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
-    # All fields are computed from rho, so that they have the type of the motion on a mesh of devices as well.
-    zero = jnp.zeros_like(rho)
-    clock = _Clock(t0 + zero, zero, rho, rho, zero, jnp.zeros_like(rho, bool), jnp.zeros_like(rho, jnp.int32))
-    return _with_next_step(clock, dt, t1, slope, jnp.ones_like(rho, bool))
-
-
 def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
     """The times at both ends of the next step, and the end time with its rounding error (Kahan's summation)."""
     clock, t1 = clock_and_t1
@@ -330,18 +293,6 @@ def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Arr
         t_end = jnp.where(clock.last, t1, t_end)
         residue = jnp.where(clock.last, jnp.zeros_like(residue), residue)
     return clock.t, t_end, (t_end, residue)
-
-
-def _clock_after_step(
-    clock: _Clock, t_end: Array, residue: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
-) -> tuple[_Clock, Array]:
-    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at its end, and whether the run is ok."""
-    moved = clock.h != 0
-    rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
-    ok = ok & _follows(rho, value)
-    taken = clock.taken + moved.astype(jnp.int32)
-    clock = _with_next_step(clock._replace(t=t_end, residue=residue, rho=rho, taken=taken), dt, t1, slope, ok)
-    return clock, ok & (clock.half > 0)
 
 
 def _follows(rho: Array, value: Array) -> Array:
@@ -374,14 +325,14 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
     velocity = system.velocity(motion.momentum)
     rate = system.kind.momentum_rate(motion.momentum, velocity, force)
     tangents = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
-    value, change = jax.jvp(partial(_evaluate, density, system), (t, motion.momentum, motion.pose), tangents)
+
+    def evaluate(t: Array, momentum: Any, pose: Any) -> Array:
+        value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
+        if like.shape:
+            raise ValueError(
+                f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
+            )
+        return jnp.asarray(jax.tree.leaves(value)[0], t.dtype)
+
+    value, change = jax.jvp(evaluate, (t, motion.momentum, motion.pose), tangents)
     return value, change / value
-
-
-def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
-    if like.shape:
-        raise ValueError(
-            f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
-        )
-    return jnp.asarray(jax.tree.leaves(value)[0], t.dtype)

@@ -1,11 +1,4 @@
-"""Parameters of rigid bodies from measurements.
-
-    def model(values):
-        body = ml.RigidBody(values["moments"])
-        return body, None, ml.MomentumState(body.momentum(values["rate"]))
-
-    guess = {"moments": fitting.Moments([1.0, 2.0, 2.5], scale="fixed"), "rate": fitting.Free([0.1, 0.2, 0.3])}
-    print(ml.fit(model, guess, fitting.Rates(times, rates, sigma=1e-3), dt=0.1))
+"""Parameters of rigid bodies from measurements: `ml.fit` has an example.
 
 Each file imports only earlier ones. `loss`, `parameters`, `measurements`, `instruments` and `sampling` (states at any
 times) make the `problem` (the function to minimise). `noise` and `estimate` judge the optimum, `solve` finds it,

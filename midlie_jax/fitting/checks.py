@@ -1,8 +1,7 @@
 """Whether a model and measurements match in kind, units and conventions, checked before anything is traced.
 
-Measured speeds are compared with the possible speeds of a free body of the guess. Two neighbouring quaternions give the
-angular velocity between them. If it is far from the measured one, and close to it after the quaternions are conjugated
-or their components exchanged, they follow another convention.
+Measured speeds are compared with the possible speeds of a free body of the guess. Attitudes follow another convention
+if the angular velocity between neighbours agrees with the measured one only after they are conjugated or exchanged.
 """
 
 from collections.abc import Sequence
@@ -124,10 +123,7 @@ def _check_speeds(body: Any, start: AnyState, measured: Rates) -> None:
 
 
 def check_conventions(measurements: Sequence[Measurement], values: Any) -> None:
-    """Raises a ValueError if attitudes contradict the rates of the same body, but agree in another convention.
-
-    If the clock of an instrument is fitted, its values are not compared.
-    """
+    """Raises a ValueError if attitudes contradict the rates of the same body, but agree in another convention."""
     listed = [of_which(m) for m in measurements]
     for body, attitudes in listed:
         for other, rates in listed:
@@ -136,7 +132,7 @@ def check_conventions(measurements: Sequence[Measurement], values: Any) -> None:
 
 
 def _check_convention(attitudes: Attitudes, rates: Rates, values: Any) -> None:
-    if any(m.clock is not None and m.clock.rule is not None for m in (attitudes, rates)):
+    if any(m.clock is not None and m.clock.rule is not None for m in (attitudes, rates)):  # it is fitted
         return
     rows, gaps, measured = _pairs(attitudes, rates, values)
     if len(rows) < _FEWEST:
@@ -166,10 +162,9 @@ def _check_convention(attitudes: Attitudes, rates: Rates, values: Any) -> None:
 
 
 def _pairs(attitudes: Attitudes, rates: Rates, values: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of neighbouring rows of attitudes: the first row, the time between them, and the measured rate.
+    """Pairs of neighbouring rows of attitudes: the first row, the time between, and the rate in the middle of it.
 
-    The rate is interpolated to the middle of the pair. The body rotates little within each pair, and between the two
-    rows of rates around it.
+    The body rotates little within each pair, and between the two rows of rates around it.
     """
     times = np.asarray(attitudes.times_of_model(values), np.float64)
     rows = np.flatnonzero(np.asarray(attitudes.present[:, 0]))

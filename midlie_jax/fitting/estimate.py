@@ -1,8 +1,7 @@
 """The result of a fit as arrays: values with covariance, how the fit ended, and what the data determine.
 
-The singular values of the Jacobian with columns of length one show what the data determine. A column is the derivative
-of all residuals with respect to one unconstrained number. A combination of numbers that changes no residual is a null
-vector of the Jacobian, and its parameters are not identifiable.
+The singular values of the Jacobian with columns of length one show what the data determine. A combination of
+unconstrained numbers that changes no residual is a null vector, and its parameters are not identifiable.
 """
 
 from collections.abc import Sequence
@@ -10,18 +9,13 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.sparse.csgraph import connected_components  # SciPy is a dependency of JAX
-from scipy.special import ndtri, stdtrit
 
-from .loss import Loss
-from .noise import explained, remainders_of, within_sigmas
 from .parameters import InertiaTensor, Moments, Parameter, UnitQuaternion
-from .problem import Data
 
 CONFIDENCE = 0.95
 _SHARE = 0.1  # a number belongs to a null vector if its entry is at least this share of the largest
@@ -33,8 +27,6 @@ class Result(Enum):
     If several apply, the result is the first of RUN_FAILED, NOT_CONVERGED, MISFIT, UNDETERMINED.
 
     Examples:
-        >>> ml.fitting.Result.of(0) is ml.fitting.Result.FITTED
-        True
         >>> ml.fitting.Result.NOT_CONVERGED.code, ml.fitting.Result.NOT_CONVERGED.value
         (2, 'the optimiser did not converge within its most steps')
     """
@@ -107,25 +99,22 @@ class Estimate(eqx.Module):
 
     Attributes:
         vector: (p,), the unconstrained numbers.
-        values: the physical values, a pytree of the structure of the guess.
+        values: the physical values, of the structure of the guess.
         coordinates: (k,), the physical numbers of all values in one vector.
         covariance: (k, k), of the coordinates, to first order; infinite for coordinates that the data do not determine.
         intervals: (k, 2), the 95 % confidence intervals of the coordinates.
         residuals: (r,), model minus measurement over sigma; zero where a measurement is missing.
         rms: the root mean square of the residuals that are present; with a loss, of `Loss.judged`.
-        dof: the number of residuals that are present, minus the numbers of unconstrained numbers and linear unknowns.
+        dof: the number of residuals that are present, minus the number of unknowns.
         quantile: half the width of an interval over the standard deviation.
-        unconstrained: (p, p), the covariance of the unconstrained numbers, restricted to the combinations that are
-            determined.
-        spectrum: singular values and vectors of the Jacobian, see `Spectrum`.
+        unconstrained: (p, p), the covariance of the combinations of unconstrained numbers that are determined.
+        spectrum: singular values and vectors of the Jacobian.
         steps: the number of steps of the optimiser.
         converged: whether the optimiser converged and every step of the run was good.
-        result: how the fit ended, the `code` of a `Result`.
-        ok: whether it ended normally: `result` is 0.
+        result: how the fit ended, the `code` of a `Result`; 0 where `ok`.
 
     Examples:
-        >>> def model(values):  # values of the parameters -> body, torque, start
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"]))
         >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
         >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
         >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5)
@@ -151,68 +140,13 @@ class Estimate(eqx.Module):
     ok: Bool[Array, "*batch"]
 
 
-def estimate_at(
-    data: Data,
-    vector: Float[Array, " p"],
-    at_optimum: tuple[Float[Array, " r"], Bool[Array, ""], Float[Array, "n p"]],
-    steps: Array,
-    converged: Array,
-    absolute_sigma: bool,
-    loss: Loss | None = None,
-) -> Estimate:
-    """The estimate for a vector at which the sum of squares is minimal.
-
-    `at_optimum` has the residuals, whether every step of the run was good, and the Jacobian or its factor R.
-    """
-    found, good, jacobian = at_optimum
-    spectrum = Spectrum.of(jacobian)
-    raw = found if loss is None else loss.residuals(found)
-    found = found if loss is None else loss.judged(raw)
-    present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
-    count, squares = jnp.sum(present), jnp.sum(found**2)
-    dof = count - vector.size - sum(m.linear for m in data.measurements)
-    one = jnp.ones_like(squares)
-    enough = jnp.maximum(dof, 1).astype(one.dtype)
-    unconstrained = (one if absolute_sigma else squares / enough) * spectrum.covariance()
-    slopes = jax.jacfwd(data.layout.coordinates)(vector)
-    covariance = slopes @ unconstrained @ slopes.T
-    unknown = spectrum.undetermined(slopes)
-    covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
-    good = good & jnp.all(jnp.isfinite(found))
-    values = data.layout.values(vector)
-    if absolute_sigma:
-        fits, quantile = within_sigmas(squares, enough), one * ndtri(0.5 + CONFIDENCE / 2)
-    else:
-        fits = explained(remainders_of(data.measurements, found, values))
-        # Student's t, from a table of all possible degrees of freedom.
-        table = np.concatenate([[np.inf], stdtrit(np.arange(1, found.size + 1), 0.5 + CONFIDENCE / 2)])
-        quantile = jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, found.size)]
-    result = jnp.zeros((), jnp.int32)  # of the first condition from below that is False
-    for ended, holds in (
-        (Result.UNDETERMINED, jnp.all(spectrum.determined) & (dof >= 1)),
-        (Result.MISFIT, fits),
-        (Result.NOT_CONVERGED, converged),
-        (Result.RUN_FAILED, good),
-    ):
-        result = jnp.where(holds, result, ended.code)
-    coordinates = data.layout.coordinates(vector)
-    half = quantile * jnp.sqrt(jnp.diagonal(covariance))
-    intervals = jnp.stack([coordinates - half, coordinates + half], axis=-1)
-    rms = jnp.sqrt(squares / count.astype(one.dtype))
-    return Estimate(
-        vector, values, coordinates, covariance, intervals, raw, rms, dof, quantile, unconstrained, spectrum, steps,
-        converged & good, result, result == 0,
-    )  # fmt: skip
-
-
 def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) -> list[list[str]]:
     """The groups of numbers that are not identifiable; a group of one name is a number without any effect.
 
-    The null vectors span a space, and the choice of a basis is arbitrary. The groups are therefore found from the
-    matrix that projects on this space. Two numbers belong together if their common entry is not small relative to their
-    diagonal entries. Numbers are measured in two ways: by how much they change the residuals, and in units of
-    `typical`. If moments can change by a common factor, one of them may count little in the first way, but all count
-    equally in the second.
+    They are found from the matrix that projects on the space of the null vectors. Two numbers belong together if their
+    common entry is not small relative to their diagonal entries. Numbers are measured by how much they change the
+    residuals, and in units of `typical`: of moments that can change by a common factor, one may count little in the
+    first way, but all count equally in the second.
     """
     null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
     changes = null / np.asarray(spectrum.lengths) / (np.ones(len(names)) if typical is None else np.asarray(typical))

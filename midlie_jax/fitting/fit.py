@@ -1,7 +1,7 @@
 """`fit`: parameters of a rigid body from measurements, by nonlinear least squares through the integrator.
 
 `prepare` checks all arguments before anything is traced. `fit` then searches for the optimum, and describes the result
-in words. `fit_arrays` (in `solve`) is the same search without words, for many data sets.
+in words.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -53,9 +53,8 @@ def fit(
 ) -> Fit:
     """Fits the parameters of a rigid body to measurements, by default with the Levenberg-Marquardt method.
 
-    The sum of the squares of all residuals over their sigmas is minimised. The Jacobian is computed in forward mode
-    through `midlie_jax.integrate`. The first call compiles; pass the same `model` function to reuse the compiled
-    program.
+    The sum of the squares of all residuals over their sigmas is minimised. Pass the same `model` function to reuse the
+    compiled program.
 
     Args:
         model: model(values) -> (body, torque, start), where `values` has the structure of `guess` with arrays instead
@@ -64,56 +63,50 @@ def fit(
         measurements: one or several.
         dt: the step, as for `midlie_jax.integrate`; the error of the run must be smaller than the errors of the
             measurements. Not needed for "free_motion".
-        method: the method of the run; or "free_motion" for the closed form `midlie_jax.free_motion` of a body without
-            torque, whose run time does not grow with the length of time.
+        method: the method of the run; or "free_motion" for `midlie_jax.free_motion` of a body without torque.
         t0: the time of `start`, not after the first measurement (at any time for "free_motion").
         starts: the number of initial guesses. The first is the guess, the others are drawn around it; the best of all
             fits is returned.
         ranges: ranges of parameters, by name, from which all starts are drawn uniformly instead; the others start at
             the guess. A range is (low, high); or a number, which is relative to the guess, such as 0.3 for 30 %. For a
             `UnitVector` or `UnitQuaternion` a number is the largest angle from the guess in radians, for a `Periodic`
-            a share of the period; these three allow "all". Thousands of starts are then fitted in one compiled
-            program: all by a few steps, the better ones by more. With `first_span` they begin with the span of this
-            length that holds the most values. `Fit.minima` has all distinct minima: those in which a number differs
-            by more than 1 % (of a `Free`, 1 % of the guess; 0.01 radians for angles). The result is the best.
+            a share of the period; these three allow "all". All starts are fitted by a few steps, the better ones by
+            more. With `first_span` they begin with the span of this length that holds the most values. `Fit.minima` has
+            all distinct minima: those in which a number differs by more than 1 % (of a `Free`, 1 % of the guess; 0.01
+            radians for angles). The result is the best.
         spread: standard deviation of the drawn guesses: relative, or for quaternions in radians.
         seed: seed of the drawn guesses.
         segments: with more than one, multiple shooting: the time is cut into this many segments. Each has its own
-            initial state, taken from the nearest measured rate and attitude if available. Multiple shooting converges
-            from guesses whose run departs from the data, as for chaotic motion or near the separatrix. A last fit
-            without segments makes the estimate the same as with one segment.
+            initial state, taken from the nearest measured rate and attitude if available. This converges from guesses
+            whose run departs from the data, as for chaotic motion. A last fit has no segments.
         continuity: the weight of jumps between segments. A relative jump of the momentum, or a jump of the attitude in
             radians, of size 1 / `continuity` counts as much as a residual of one sigma.
         first_span: a length of time after t0. If given, the measurements of this span are fitted first, then the
-            measurements of twice the span, and so on to all of them. Each fit begins at the result of the previous one.
-            Like `segments`, but without further unknowns, this converges from guesses whose run departs from the data
-            only later. The program is compiled once. The span should hold more measured numbers than there are
-            unknowns.
+            measurements of twice the span, and so on to all of them, each from the previous result. This converges from
+            guesses whose run departs from the data only later. The span should hold more measured numbers than there
+            are unknowns.
         absolute_sigma: True if the sigmas are known. Otherwise they are known up to a common factor, which is estimated
             from the residuals, and intervals use Student's t.
-        loss: "huber" or "cauchy", or a `Loss` with another scale, against outliers: residuals of more than one or two
-            sigma then count less than their squares. The sigmas must have the right size. `Fit.outliers` lists them.
+        loss: "huber" or "cauchy", or a `Loss` with another scale, against outliers, which `Fit.outliers` lists. The
+            sigmas must have the right size.
         solver: a function solver(residuals, start, max_steps) -> (optimum, steps, converged) instead of the
             Levenberg-Marquardt method. It minimises the sum of the squares of residuals(x), x (u,), from x = start,
-            with JAX operations; derivatives of `residuals` are computed in forward mode. For example, it can call
-            `optimistix.least_squares` with an optimiser of optax. Pass the same function again to reuse compiled code.
+            with JAX operations; derivatives of `residuals` are computed in forward mode. Pass the same function again
+            to reuse compiled code.
         max_steps: the largest number of steps of the optimiser from each initial guess.
         require_rank: if False, data that do not determine all parameters give a result with `ok` False, and no error.
         progress: whether to show a line on stderr; by default only if stderr is a terminal. Or a function that is
-            called with 1 after each step of the search. With a `solver` there is no progress to show.
+            called with 1 after each step of the search, but not with a `solver`.
 
     Returns:
         The result; print it for a table. `ok` is False if a run failed, the optimiser did not converge, or the
-        residuals cannot be noise. With `absolute_sigma` this is a chi-squared test of the sigmas; otherwise the
-        residuals must be small relative to the measured values.
+        residuals cannot be noise: by a chi-squared test with `absolute_sigma`, else relative to the measured values.
 
     Raises:
         ValueError: an argument is invalid, there are too few measurements, the rates have another unit than the guess
-            of a free body, or the attitudes follow another convention according to the rates of the same body. It is
-            raised before anything is traced.
-        UndeterminedError: a ValueError. The fit converged and its residuals can be noise, but the measurements do not
-            determine all parameters. The message names the parameters that are not identifiable; `result` of the error
-            holds the fit.
+            of a free body, or the attitudes follow another convention according to the rates of the same body.
+        UndeterminedError: the measurements do not determine all parameters. The message names those that are not
+            identifiable; `result` of the error holds the fit.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -166,13 +159,10 @@ def prepare(
     solver: Solver | None = None,
     max_steps: int = 200,
 ) -> Plan:
-    """Checks a problem and returns the plan with which `fit_arrays` solves it for any data of the same shapes.
-
-    Arguments and errors are the same as for `fit`.
+    """The checked plan with which `fit_arrays` solves a problem for data of the same shapes; arguments as for `fit`.
 
     Examples:
-        >>> def model(values):  # values of the parameters -> body, torque, start
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"]))
         >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
         >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
         >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5)  # for fit_arrays

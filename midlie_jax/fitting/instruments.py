@@ -37,8 +37,8 @@ class Rates(Expected):
         sigma: standard deviation in radians per unit of time: one number, (3,), or (n, 3).
         bias: the bias added to the true rate: the name of a parameter (3,) of the guess, a function of the values of
             the parameters that returns (3,), or a known array (3,). None means no bias.
-        clock: how far the instrument's clock is ahead of the model's time, in the unit of time: the name of a parameter
-            (), a function of the values of the parameters, or a known number. None means no offset.
+        clock: how far the instrument's clock is ahead of the model's time, in the same three forms. None means no
+            offset.
 
     Raises:
         ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
@@ -46,7 +46,6 @@ class Rates(Expected):
 
     Examples:
         >>> times, seen = np.arange(3.0), np.deg2rad([[10.0, 20.0, 30.0], [-4.7, 22.9, 28.4], [-16.9, np.nan, 33.4]])
-        >>> guess = {"bias": ml.fitting.Free([0.0, 0.0, 0.0])}
         >>> gyroscope = ml.fitting.Rates(times, seen, sigma=np.deg2rad(0.02), bias="bias")  # a parameter of the fit
         >>> gyroscope.present.sum().item()  # of nine numbers one is missing
         8
@@ -66,10 +65,9 @@ class Attitudes(Recorded):
     length is the geodesic distance. q and -q are the same attitude.
 
     Args:
-        times: (n,), ascending.
+        times, clock: as for `Rates`.
         values: (n, 4), unit quaternions (w, x, y, z) from body to space; a row with a NaN is missing.
         sigma: standard deviation of the rotation about each body axis in radians: one number, (3,), or (n, 3).
-        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`, or the length of a quaternion is not 1 to 1e-3.
@@ -92,25 +90,22 @@ class Attitudes(Recorded):
 class Directions(Recorded):
     """Directions known in the space frame and measured in the body frame, as by a sun sensor or a magnetometer.
 
-    The residual is the angle from the measured direction to the model's direction, as two components perpendicular to
-    the measured direction. Lengths have no effect, unless there is a bias.
+    The residual is the angle from the measured to the model's direction, as two components perpendicular to the
+    measured direction. Lengths have no effect, unless there is a bias.
 
     Args:
-        times: (n,), ascending.
+        times, clock: as for `Rates`.
         values: (n, 3), body frame, of any nonzero length; a row with a NaN is missing.
         sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
         reference: the direction in the space frame: known, (3,), or (n, 3) if it changes with time; the name of a
             parameter, such as a `UnitVector`; or a function of the values of the parameters.
-        bias: the bias added to the vector, in the unit of `values`, such as the field of iron that rotates with a
-            magnetometer; given in the three forms of the bias of `Rates`. None means no bias.
-        clock: as for `Rates`.
+        bias: the bias added to the vector, as for `Rates`, in the unit of `values`.
 
     Raises:
         ValueError: as for `Rates`, or a direction of length zero.
 
     Examples:
         >>> seen = np.array([[30.0, 5.0, 2.0], [28.0, 9.0, 1.0], [25.0, 14.0, 0.0]])  # microtesla, at three times
-        >>> guess = {"iron": ml.fitting.Free([0.0, 0.0, 0.0])}  # a parameter of the fit
         >>> field = ml.fitting.Directions(np.arange(3.0), seen, sigma=0.01, reference=[0.6, 0.0, -0.8], bias="iron")
         >>> field.present.shape  # two angles at each time
         (3, 2)
@@ -163,20 +158,16 @@ def perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
 
 
 class Positions(Expected):
-    """Positions in the space frame of markers fixed in the body.
-
-    On a body that translates, marker positions are relative to the centre of mass; a marker (0, 0, 0) is the centre of
-    mass.
+    """Positions in the space frame of markers fixed in the body; if it translates, relative to the centre of mass.
 
     Args:
-        times: (n,), ascending.
+        times, clock: as for `Rates`.
         values: (n, 3) of one marker, or (n, m, 3), length; NaN where missing.
         sigma: standard deviation in the same unit of length, broadcast to the shape of `values`.
         markers: body-frame coordinates of the markers, (3,) or (m, 3): a known array, the name of a parameter, or a
             function of the values of the parameters.
         origin: position in space of the point about which the body rotates, (3,), in the same three forms; None for the
             origin, or for a body that translates.
-        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`.
@@ -217,7 +208,7 @@ class Accelerations(Expected):
     their sum. A `GravityGradient` gives it to first order, if no other term of the torque is gravity.
 
     Args:
-        times: (n,), ascending.
+        times, bias, clock: as for `Rates`.
         values: (n, 3), length/time^2; NaN where missing.
         sigma: standard deviation in the same unit: one number, (3,), or (n, 3).
         lever: the position r of the instrument, from the centre of mass or the fixed point, body frame, (3,): a known
@@ -225,8 +216,6 @@ class Accelerations(Expected):
         gravity: the acceleration g of gravity at the centre of mass or the fixed point, space frame, (3,), in the same
             three forms; zeros in free fall. None if terms of the torque on a body that translates are gravity:
             `UniformGravity`, `PointMass` and `Oblateness`, and no others.
-        bias: the bias added, (3,), in the same three forms. None means no bias.
-        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`.
@@ -234,7 +223,6 @@ class Accelerations(Expected):
     Examples:
         >>> times, felt = np.arange(5.0), np.tile([0.0, 0.3, 9.8], (5, 1))  # m/s^2
         >>> instrument = ml.fitting.Accelerations(times, felt, sigma=0.05, lever="lever", gravity=[0.0, 0.0, -9.81])
-        >>> guess = {"lever": ml.fitting.Free([0.1, 0.0, 0.0])}  # "lever" is a parameter of the fit
         >>> instrument.values.shape
         (5, 3)
     """
@@ -266,12 +254,13 @@ class Accelerations(Expected):
         (torque,) = self.run
         bound, pushing = on_body(torque, body), on_body(without_gravity(torque), body)
         zeros, rates, lever = jnp.zeros_like(state.momentum), body.velocity(state.momentum), self.lever(parameters)
+        travels = isinstance(state, TravellingState)
         moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
         change = body.velocity(jnp.cross(state.momentum, rates) + moment)
         felt = zeros if self.gravity is None else -self.gravity(parameters).reshape(3)
-        if isinstance(state, TravellingState) and pushing is not None:
+        if travels and pushing is not None:
             felt = felt + Wrench.of(pushing(t, state)).force / body.mass
-        fields = kept_terms(torque, _gravitational) if isinstance(state, TravellingState) else None
+        fields = kept_terms(torque, lambda term: isinstance(term, Torque) and term.gravitational) if travels else None
         if fields is not None:
             felt = felt + _fall(fields, t, state, body, lever)
         of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
@@ -283,16 +272,11 @@ class Accelerations(Expected):
         return measured
 
 
-def _gravitational(term: TorqueLike) -> bool:
-    return isinstance(term, Torque) and term.gravitational
-
-
 def _fall(fields: TorqueLike, t: Array, state: Any, body: Any, lever: Array) -> Array:
     """The acceleration of a body by gravity, minus the gravity at a point of the body, space frame.
 
-    Both parts are derivatives, which avoids the difference of nearly equal accelerations. One is the derivative of the
-    force with respect to the moments, in which it is linear. The other is the derivative of the field along the lever,
-    at two Gauss points.
+    Both are derivatives, not a difference of nearly equal accelerations: of the force by the moments, in which it is
+    linear, and of the field along the lever, at two Gauss points.
     """
     place, along = state.position, so3.rotate(attitude_of(state), lever)
     one = jnp.ones_like(body.mass)
@@ -316,15 +300,10 @@ def _fall(fields: TorqueLike, t: Array, state: Any, body: Any, lever: Array) -> 
 
 
 class OfBody(Measurement):
-    """A measurement of one body of a `CoupledState`, such as the attitude of the secondary of a binary.
-
-    Args:
-        body: the index of the body, from 0.
-        measurement: such as `Attitudes` or `Rates`.
+    """A measurement of the body with this index of a `CoupledState`, such as the attitude of a secondary, index 1.
 
     Raises:
-        ValueError: the index is not a nonnegative integer; or the measurement is an `OfBody`, or `Accelerations`, which
-            need the force on the body alone.
+        ValueError: the index is not a nonnegative integer; or the measurement is an `OfBody` or `Accelerations`.
 
     Examples:
         >>> times, seen = np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))

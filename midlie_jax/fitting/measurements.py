@@ -1,8 +1,7 @@
 """Measurements for a fit: values at times, and their residuals, model minus measurement in units of sigma.
 
 A NaN value is missing: its residual is zero and it is not counted. Shapes are given for one data set. To fit many data
-sets at once, map over the arrays of a measurement with `jax.vmap`. `Observed` is a measurement of any quantity; the
-file `instruments` has common measurements.
+sets at once, map over the arrays of a measurement with `jax.vmap`.
 """
 
 from abc import abstractmethod
@@ -167,27 +166,25 @@ class Observed(Expected):
     `function(t, state, body, values)` is called for one time, and mapped over all:
 
     - `t` is the time, (), on the clock of the model.
-    - `state` is the model's state at this time, such as a `RigidState` with `momentum` (3,), body frame, and `attitude`
-      (4,), body to space. For coupled bodies it holds all bodies, such as a `CoupledState` with arrays (N, 3); inside
+    - `state` is the model's state at this time, such as a `RigidState`. For coupled bodies it holds all bodies; inside
       `OfBody(i, ...)` it holds body i only.
     - `body` is the body that the model returned; `body.velocity(state.momentum)` is the angular velocity, body frame.
     - `values` are the values of the parameters, of the structure of the guess.
 
-    Write it with `jax.numpy`, as a pure function. It does not get the torque. By Euler's equations the angular
-    acceleration is `body.velocity(jnp.cross(state.momentum, rates) + moment)`, with the moment (3,) of the model's
-    torque, zero for a free body. Pass the same function to reuse the compiled program. A function with arrays to be
-    mapped over or differentiated is an `equinox.Module` with `__call__`, or a `jax.tree_util.Partial`.
+    Write it with `jax.numpy`, as a pure function. The angular acceleration is `body.velocity(jnp.cross(state.momentum,
+    rates) + moment)`, with the moment (3,) of the model's torque, zero for a free body. Pass the same function to reuse
+    the compiled program. A function with arrays to be mapped over or differentiated is an `equinox.Module` with
+    `__call__`, or a `jax.tree_util.Partial`.
 
     Args:
-        times: (n,), ascending.
+        times, clock: as for `Rates`.
         values: (n,) or (n, k), or with further axes, in any unit; NaN where missing.
         sigma: standard deviation in the unit of the values, broadcast to their shape.
         function: see above; its value has the shape of one of `values`: () or (k,).
-        clock: as for `Rates`.
 
     Raises:
-        ValueError: as for `Rates`, or `function` cannot be called. In `fit` and `prepare`, before anything is compiled:
-            its value has another shape or dtype than the values, or it uses an unknown parameter.
+        ValueError: as for `Rates`, or `function` cannot be called; in `fit` and `prepare`, its value has another shape
+            or dtype than the values, or it uses an unknown parameter.
 
     Examples:
         >>> def range_rate(t, state, body, values):  # of a mark at (1, 0, 0) in the body, seen from far away on x

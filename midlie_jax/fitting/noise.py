@@ -1,8 +1,7 @@
 """Whether the residuals of a fit can be noise: a verdict in the compiled fit, and reasons for doubt.
 
 Known sigmas are tested by chi-squared. If sigmas are known up to a factor only, the residuals must be small relative to
-the signal. Residuals that are not small relative to the changes of the signal must at least be uncorrelated, like noise
-of any size. `doubts` lists outliers and correlated residuals, `aliases_of` rows that are far apart.
+the signal, and either small relative to its changes or uncorrelated, like noise of any size.
 """
 
 import math
@@ -70,10 +69,8 @@ def explained(remainders: Sequence[Remainder]) -> Bool[Array, ""]:
     return (left <= _LARGE**2 * signal) & ~jnp.any(jnp.stack([r.structured | r.turned for r in remainders]))
 
 
-def remainders_of(
-    measurements: Sequence[Measurement], residuals: Float[Array, " r"], parameters: Any
-) -> list[Remainder]:
-    """The remainder of each measurement, from all residuals over sigma and the values of the parameters."""
+def remainders_of(measurements: Sequence[Measurement], residuals: Array, parameters: Any) -> list[Remainder]:
+    """The remainder of each measurement, from all residuals over sigma (r,) and the values of the parameters."""
     parts = zip(measurements, parted(measurements, residuals), strict=True)
     return [_remainder(measurement, part, parameters) for measurement, part in parts]
 
@@ -223,11 +220,7 @@ def _at(rows: np.ndarray, lag: int) -> float:
 
 
 def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any) -> str:
-    """A message if a body rotates by more than half a revolution between rows, so that other values may fit; or "".
-
-    The rates of a free body need only rows dense enough for the changes of the rates; a body that spins fast about an
-    axis of symmetry may rotate many times between them.
-    """
+    """A message if a body rotates by more than half a revolution between rows, so that other values may fit; or ""."""
     try:
         body, torque, start = model(values)
     except ValueError:  # at the end of a failed run
@@ -242,7 +235,8 @@ def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any)
         inner = [of_which(m)[1] for m in own]
         if start.several and any(isinstance(m, Observed) for m in own):
             continue  # a quantity of all bodies, which has no rotation
-        times = np.unique(np.concatenate([_times(m) for m in inner]))
+        measured = [np.asarray(m.present).reshape(len(m.times), -1).any(axis=1) for m in inner]
+        times = np.unique(np.concatenate([np.asarray(m.times)[x] for m, x in zip(inner, measured, strict=True)]))
         gap = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         speed = frequency = _speed(inner, one, state, values)
         if torque is None and all(isinstance(m, Rates) for m in inner):
@@ -255,11 +249,6 @@ def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any)
                 "(aliases); check the units of time and of the rates, or give rows closer together"
             )
     return ""
-
-
-def _times(m: Measurement) -> np.ndarray:
-    present = np.asarray(m.present)
-    return np.asarray(m.times, np.float64)[present.reshape(len(present), -1).any(axis=1)]
 
 
 def _speed(measurements: list[Measurement], body: Any, state: Any, values: Any) -> float:

@@ -69,12 +69,8 @@ class Problem(eqx.Module):
             starts = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), starts, later)
         return values, body, (torque, self.grid.run(self.method, body, torque, starts)), starts
 
-    def residuals(self, vector: Float[Array, " u"], data: Data) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
-        """All residuals over their standard deviations, as the loss counts them, and whether every step was good."""
-        return self.measured(vector, data)[:2]
-
-    def measured(self, vector: Float[Array, " u"], data: Data) -> tuple[Array, Bool[Array, ""], list[Array]]:
-        """The `residuals`, and the linear unknowns of each measurement."""
+    def residuals(self, vector: Float[Array, " u"], data: Data) -> tuple[Array, Bool[Array, ""], list[Array]]:
+        """All residuals over sigma (r,), as the loss counts them, whether every step was good, and linear unknowns."""
         values, body, (torque, paths), starts = self.run(vector, data)
         times = jnp.concatenate([m.times_of_model(values).astype(vector.dtype) for m in data.measurements])
         states, ok = self.grid.sample(self.method, body, torque, paths, times)
@@ -96,11 +92,7 @@ class Problem(eqx.Module):
         return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok), linear
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
-        """The data with anchors, taken from the measurements if these determine the states.
-
-        Angular velocities are taken from the nearest row of a `Rates`, attitudes from the nearest row of an
-        `Attitudes`; everything else is taken from the run of the guess.
-        """
+        """The data with anchors: from the nearest rows of `Rates` and `Attitudes`, else from the run of the guess."""
         assert isinstance(self.grid, Grid)
         values, body, (_, path), _ = self.single().run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
@@ -140,11 +132,11 @@ def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tup
     if problem.differences:
         width = math.sqrt(jnp.finfo(vector.dtype).eps) * data.layout.typical()
         moved = jnp.concatenate([vector[None], vector[None] + jnp.diag(width)])
-        every, good = jax.vmap(lambda v: problem.residuals(v, data))(moved)
+        every, good, _ = jax.vmap(lambda v: problem.residuals(v, data))(moved)
         return every[0], good[0], (every[1:] - every[:1]).T / width[None]
 
     def twice(v: Array) -> tuple[Array, tuple[Array, Array]]:
-        found, ok = problem.residuals(v, data)
+        found, ok, _ = problem.residuals(v, data)
         return found, (found, ok)
 
     jacobian, (found, ok) = jax.jacfwd(twice, has_aux=True)(vector)
@@ -154,15 +146,12 @@ def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tup
 @exact_jit
 def linear_unknowns(problem: Problem, data: Data, vector: Float[Array, " p"]) -> list[Array]:
     """The linear unknowns of each measurement for a vector of the parameters."""
-    return problem.single().measured(vector, data)[2]
+    return problem.single().residuals(vector, data)[2]
 
 
 @eqx.filter_custom_jvp
 def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> Array:
-    """`Problem.residuals`, whose derivative with respect to the vector is always computed in forward mode.
-
-    Without this, a custom solver would store every intermediate result of the run; here it stores the Jacobian.
-    """
+    """`Problem.residuals`, with a derivative in forward mode: a custom solver stores the Jacobian, not the run."""
     return problem.residuals(vector, data)[0]
 
 

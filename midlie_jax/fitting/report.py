@@ -41,19 +41,16 @@ class Fit:
         dof: degrees of freedom.
         steps: number of steps of the optimiser.
         rank, condition: rank and condition number of the Jacobian with columns of length one.
-        confounded: the groups of unconstrained numbers that are not identifiable; empty if all are determined.
+        confounded: the groups of unconstrained numbers that are not identifiable.
         aliases: how often the body rotates between rows, if by more than half a revolution, so that other values may
             fit as well; "" otherwise.
-        flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
-        minima: the distinct minima of a search over `ranges`, each a `Minimum` with `chi_squared`, `values` and
-            `starts`, in ascending order; otherwise empty.
+        minima: the distinct minima of a search over `ranges`, each a `Minimum`, in ascending order; otherwise empty.
         ok: whether the fit ended normally: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
         message: what failed, with the time, the names or the numbers, and a remedy.
 
     Examples:
-        >>> def model(values):  # values of the parameters -> body, torque, start
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"]))
         >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
         >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
         >>> result = ml.fit(model, guess, gyroscope, method="RK4", dt=0.5)  # print it for a table
@@ -97,11 +94,10 @@ class Fit:
     def doubts(self) -> list[str]:
         """Why the values or the intervals may be wrong even if `ok` is True; empty if there is no reason to doubt.
 
-        It names all outliers, unless the fit has a loss; correlated neighbouring residuals, and the factor by which
-        they make the intervals too narrow; and rows so far apart that other values may fit as well. After a search,
-        correlated residuals are the sign of a wrong minimum: with a loss, its chi-squared may look like noise. Another
-        minimum within 5 sigma is named, unless it is a copy with the same chi-squared. A wrong minimum whose residuals
-        are like noise remains unseen if the search did not reach the right one.
+        Outliers, unless the fit has a loss; correlated neighbouring residuals, and the factor by which they make the
+        intervals too narrow; and rows so far apart that other values may fit as well. After a search also correlated
+        residuals as the sign of a wrong minimum, and another minimum within 5 sigma, unless it is a copy with the same
+        chi-squared.
         """
         return [doubt.text for doubt in self.doubtful()]
 
@@ -134,10 +130,9 @@ class Fit:
     def flat(self) -> list[str]:
         """The names of the inertias that the data hardly distinguish from the inertia of a flat body, I3 = I1 + I2.
 
-        For these, I1 + I2 - I3 is less than the width of its interval, or than 1e-3 of the sum of the moments. A flat
-        body is a limit that the parameters cannot reach. The optimiser approaches it in ever smaller steps and may end
-        without convergence. If the body is flat, make two `Positive` moments the parameters, and their sum the third
-        moment.
+        For these, I1 + I2 - I3 is less than the width of its interval, or than 1e-3 of the sum of the moments. The
+        parameters cannot reach this limit, and the optimiser may end without convergence. If the body is flat, make two
+        `Positive` moments the parameters, and their sum the third moment.
         """
         found: list[str] = []
         for place, (name, parameter) in enumerate(self._layout.named()):
@@ -148,14 +143,9 @@ class Fit:
         return found
 
     def derived(self, function: Callable[[Any], Any]) -> tuple[np.ndarray, np.ndarray]:
-        """A quantity that depends on the parameters, and its 95 % interval to first order.
+        """A quantity, and its 95 % interval to first order, with a last axis (2,); infinite if it is not determined.
 
-        Args:
-            function: from `values` to an array of any shape, for example a ratio of two moments.
-
-        Returns:
-            The quantity, and its interval with a last axis (2,). The interval is infinite if the data do not determine
-            the quantity. They may determine a ratio of moments but not the moments.
+        The function takes `values` and returns an array of any shape, for example a ratio of two moments.
         """
         estimate = self.estimate
 
@@ -174,19 +164,11 @@ class Fit:
         return centre.reshape(shape), np.stack([centre - half, centre + half], axis=-1).reshape(*shape, 2)
 
     def draws(self, count: int, seed: int = 0) -> Any:
-        """Values consistent with the data, for predictions that follow from them.
+        """`count` values consistent with the data, for predictions that follow from them, with a leading axis (count,).
 
         They are drawn from a normal distribution of the unconstrained numbers about the estimate, with the covariance
-        of the fit. Like the intervals, they are correct to first order. `jax.vmap(predicted)(result.draws(1000))` maps
-        a prediction over them. If sigmas are estimated from few data, the intervals, by Student's t, are wider than
-        these draws.
-
-        Args:
-            count: number of draws.
-            seed: seed of NumPy's generator.
-
-        Returns:
-            The values, of the structure of the guess, with a leading axis (count,).
+        of the fit, and are correct to first order. `jax.vmap(predicted)(result.draws(1000))` maps a prediction over
+        them. If sigmas are estimated from few data, the intervals, by Student's t, are wider than these draws.
 
         Raises:
             ValueError: count is not a positive int, or the data do not determine all parameters.
@@ -231,20 +213,16 @@ class Fit:
 
 
 class UndeterminedError(ValueError):
-    """The measurements do not determine all parameters, and `require_rank` of `fit` is True.
-
-    Attributes:
-        result: the `Fit`, with the values, the rms and what is determined; `require_rank=False` returns it instead.
+    """The measurements do not determine all parameters; `result` is the `Fit` that `require_rank=False` returns.
 
     Examples:
-        >>> def model(values):  # a start that depends on the sum of two parameters alone
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["first"] + values["second"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["a"] + values["b"]))
         >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
-        >>> guess = {"first": ml.fitting.Free([0.4, 0.4, 0.1]), "second": ml.fitting.Free([0.0, 0.0, 0.0])}
+        >>> guess = {"a": ml.fitting.Free([0.4, 0.4, 0.1]), "b": ml.fitting.Free([0.0, 0.0, 0.0])}
         >>> try:
         ...     ml.fit(model, guess, gyroscope, method="RK4", dt=0.5)
         ... except ml.fitting.UndeterminedError as error:
-        ...     print(error.result.rank, (error.result.values["first"] + error.result.values["second"]).round(6))
+        ...     print(error.result.rank, (error.result.values["a"] + error.result.values["b"]).round(6))
         3 [0.5 0.3 0.2]
     """
 

@@ -1,7 +1,6 @@
 """The states of a run at any times: on a grid of steps, and between grid times by one shorter step of the method.
 
-The shorter step has the method's order and stays on the group. Unlike an interpolation it needs no neighbouring states.
-It is differentiable like any step.
+The shorter step has the method's order, stays on the group and is differentiable like any step.
 """
 
 import math
@@ -86,9 +85,7 @@ class Grid(eqx.Module):
             return jax.tree.map(lambda x: x[None], segment(jax.tree.map(lambda x: x[0], starts), first[0]))
         return jax.vmap(segment)(starts, first)
 
-    def sample(
-        self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Float[Array, " n"]
-    ) -> tuple[StateT, Array]:
+    def sample(self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Array) -> tuple[StateT, Array]:
         """The states (n, ...) at the times, and whether each can be trusted, (n,)."""
         segment, index = self.place(times)
         states = jax.tree.map(lambda x: x[segment, index], paths.states)
@@ -126,9 +123,7 @@ class Closed(eqx.Module):
         path = free_motion(body, start, np.array([self.t0]), t0=self.t0)
         return jax.tree.map(lambda x: x[None], path)
 
-    def sample(
-        self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Float[Array, " n"]
-    ) -> tuple[StateT, Array]:
+    def sample(self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Array) -> tuple[StateT, Array]:
         path = free_motion(body, jax.tree.map(lambda x: x[0, 0], paths.states), times, t0=self.t0)
         return path.states, jnp.broadcast_to(path.ok, times.shape)
 
@@ -138,8 +133,8 @@ def states_at(
 ) -> Path[StateT]:
     """The states of one run at any ascending times, accurate to the order of the method.
 
-    The run takes steps of `dt`; a time within a step is reached from the beginning of that step by one shorter step.
-    Differentiable with respect to body, torque and initial state.
+    A time within a step is reached from the beginning of that step by one shorter step. Differentiable with respect to
+    body, torque and initial state.
 
     Args:
         method, body, torque, start: as for `midlie_jax.integrate`.
@@ -147,11 +142,8 @@ def states_at(
         dt: the step, positive.
         t0: the time of the initial state.
 
-    Returns:
-        The path at `times`. `ok` is False if a step failed or a number was not finite.
-
     Raises:
-        ValueError: an argument is invalid; the message names the argument and the remedy.
+        ValueError: an argument is invalid.
 
     Examples:
         >>> body, start = ml.RigidBody([2.0, 3.0, 4.0]), ml.MomentumState([1.0, 0.6, 0.4])

@@ -1,9 +1,9 @@
 """The search for all minima: many starts over ranges of the parameters, most of them given up early.
 
-Far from the optimum a motion of many rotations has a minimum for every miscounted rotation. The search therefore fits a
-short span of time first, in which few rotations can be miscounted, then twice the span, and so on to all measurements.
-All starts take a few steps; the better ones take more, and copies of the same minimum are removed after each stage.
-Derivatives are differences, which compile and run faster; `fit` then converges the best minimum with exact ones.
+A motion of many rotations has a minimum for every miscounted rotation. The search therefore fits a short span of time
+first, then twice the span, and so on to all measurements. All starts take a few steps; the better ones take more, and
+copies of the same minimum are removed after each stage. Derivatives are differences, which compile and run faster;
+`fit` then converges the best minimum with exact ones.
 """
 
 import math
@@ -27,7 +27,7 @@ from .solve import begin, look, within
 _BATCH = {"cpu": 64}  # starts in one call; 1024 on other devices
 _GLANCES, _LOOKS, _LAST_LOOKS = 12, 20, 60  # steps of all starts, of the better ones, and of the last stage
 _KEPT, _LEAST = 4, 64  # a stage keeps one of so many starts, but at least this many
-_DISTINCT = 0.01
+_DISTINCT = 0.01  # in a number of `Parameter.compared`
 
 
 class Minimum(NamedTuple):
@@ -36,13 +36,11 @@ class Minimum(NamedTuple):
     Attributes:
         chi_squared: the sum of squares of the residuals over sigma, as the loss counts them.
         values: of the parameters, of the structure of the guess.
-        starts: how many of the starts led to it. If this is one or two, other minima may have been missed.
+        starts: how many of the starts led to it; if one or two, other minima may have been missed.
 
     Examples:
-        >>> def model(values):  # a body that does not matter here
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState([0.0, 0.0, 1.0])
-        >>> def wave(t, state, body, values):
-        ...     return jnp.sin(values["frequency"] * t)
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState([0.0, 0.0, 1.0]))
+        >>> wave = lambda t, state, body, values: jnp.sin(values["frequency"] * t)  # of no body
         >>> times = np.linspace(0.0, 20.0, 60)
         >>> seen = ml.fitting.Observed(times, np.sin(2 * times), sigma=0.1, function=wave)
         >>> guess = {"frequency": ml.fitting.Positive(1.7)}
@@ -60,18 +58,14 @@ def minima_of(
     problem: Problem,
     layout: Layout,
     measurements: tuple[Measurement, ...],
-    starts: Any,
+    values: Any,
     first_span: float | None,
     progress: bool | Callable[[int], Any] | None,
 ) -> list[Minimum]:
-    """All distinct minima, in ascending order, from `starts`, values with a leading axis.
-
-    Two minima are the same if no number of `Parameter.compared` differs by more than 1 %.
-    """
+    """All minima that differ by over `_DISTINCT`, in ascending order, from starting values with a leading axis."""
     problem = replace(problem.single(), differences=True)
-    values = starts
     windows = _windows(measurements, first_span)
-    reached = [1] * len(jax.tree.leaves(starts)[0])
+    reached = [1] * len(jax.tree.leaves(values)[0])
     losses = np.full(len(reached), np.inf)
     for k, window in enumerate(windows):
         part = within(measurements, *window)

@@ -1,9 +1,8 @@
 """The search for the least sum of squares: the Levenberg-Marquardt method, one step as a pure function.
 
-A run of a body and its derivative take seconds to compile, so the step holds their only copy. It computes the Jacobian
-at each point where it evaluates the residuals. The first Jacobian gives the scale of the unknowns, the last one the
-covariance. `solved` calls the compiled step from Python, where it can be stopped and show progress; `fit_arrays` calls
-it in a loop, in one pure function. Hard problems are solved in stages, each from the result of the previous one.
+A run of a body and its derivative take seconds to compile, so the step holds their only copy, and computes the Jacobian
+with the residuals. `solved` calls the compiled step from Python, where it can be stopped and show progress;
+`fit_arrays` calls it in a loop, in one pure function. Hard problems are solved in stages, each from the last result.
 
 The trust region follows N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4OR 3 (2005) 227.
 """
@@ -19,13 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
+from scipy.special import ndtri, stdtrit  # SciPy is a dependency of JAX
 
 from .._checks.arguments import described, progress_line
 from .._xla.compiler import exact_jit
-from .estimate import Estimate, estimate_at, lengths_of
+from .estimate import CONFIDENCE, Estimate, Result, Spectrum, lengths_of
 from .instruments import of_which
 from .loss import Loss
 from .measurements import Measurement
+from .noise import explained, remainders_of, within_sigmas
 from .parameters import Layout
 from .problem import Data, Problem, jacobian_of, residuals
 
@@ -41,14 +42,11 @@ class Plan(eqx.Module):
 
     Attributes:
         problem: the problem, with the segments of multiple shooting if there are any.
-        solver: a function, see `fit`, or None for the Levenberg-Marquardt method.
         starts: (s, p), increments of the unconstrained numbers of the guess, one row per initial guess.
-        max_steps: the most steps of the optimiser.
-        absolute_sigma: whether the sigmas are known, see `fit`.
+        solver, max_steps, absolute_sigma: as for `fit`.
 
     Examples:
-        >>> def model(values):  # values of the parameters -> body, torque, start
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"]))
         >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
         >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
         >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5, starts=4)
@@ -64,14 +62,11 @@ class Plan(eqx.Module):
 
 
 class Search(eqx.Module):
-    """The state of a search for the least sum of squares.
+    """The state of a search for the least sum of squares; leading axes, if any, belong to several initial guesses.
 
-    The unknowns are scaled such that at the initial guess a change of one unknown by 1 changes the vector of residuals
-    by a length of one standard deviation. Tolerances and damping are therefore independent of units and of the number
-    of data. The initial damping is the diagonal of J^T J. A weaker damping would save steps near the optimum, but from
-    more distant guesses it leads to other minima.
-
-    Leading axes, if any, belong to several initial guesses. The unknowns at a place are `start + place / lengths`.
+    The unknowns are `start + place / lengths`: at the initial guess, a change of an entry of `place` by 1 changes the
+    vector of residuals by a length of one standard deviation. Tolerances and damping are therefore independent of units
+    and of the number of data. A damping weaker than the diagonal of J^T J would lead to more distant minima.
     """
 
     start: Float[Array, "*s u"]
@@ -172,10 +167,7 @@ def _small(change: Array, value: Array, search: Search) -> Bool[Array, ""]:
 
 
 def _stages(plan: Plan, data: Data, ends: Sequence[float] = ()) -> list[tuple[Problem, Data]]:
-    """The stages of the minimisation, each from the previous result; the last is the maximum-likelihood estimate.
-
-    With several segments, multiple shooting is first. Then only the values up to each of the `ends` are fitted.
-    """
+    """The stages: multiple shooting with several segments, then the values up to each of the `ends`, then all."""
 
     def until(end: float) -> Data:
         return replace(data, measurements=within(data.measurements, -math.inf, end))
@@ -218,20 +210,13 @@ def _over_starts(several: bool, function: Any) -> Any:
 
 
 def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Measurement]) -> Estimate:
-    """Fits one data set, without exceptions; compile it with `jax.jit` and map it over data sets with `jax.vmap`.
+    """Fits one data set, without exceptions (check `ok`); compile it with `jax.jit`, map over data sets by `jax.vmap`.
 
-    Args:
-        plan: from `prepare`, for data of the same shapes.
-        guess: a pytree of parameters.
-        measurements: the measurements. Times may differ from the times given to `prepare`, but must not lie after the
-            last of them, and must lie on the grid if they did.
-
-    Returns:
-        The estimate; check `ok`.
+    The plan is from `prepare`, for data of the same shapes. The times of the measurements may differ, but must not lie
+    after the last time given to `prepare`, and must lie on the grid if those did.
 
     Examples:
-        >>> def model(values):  # values of the parameters -> body, torque, start
-        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> model = lambda values: (ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"]))
         >>> times, rates = np.arange(5.0), np.tile([0.5, 0.3, 0.2], (20, 5, 1))  # of 20 data sets
         >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
         >>> plan = ml.fitting.prepare(model, guess, ml.fitting.Rates(times, rates[0], 1e-3), method="RK4", dt=0.5)
@@ -272,47 +257,71 @@ def _by_solver(solver: Solver, max_steps: int, problem: Problem, data: Data, sta
     def scaled(z: Array) -> Array:
         return residuals(start + z.astype(start.dtype) / lengths, data, problem).astype(z.dtype)
 
-    optimum, steps, converged = _checked(solver(scaled, jnp.zeros(start.size), max_steps), start.size)
-    vector = start + optimum.astype(start.dtype) / lengths
-    converged = converged & jnp.all(jnp.isfinite(vector))
-    return replace(
-        look(begin(problem, data, vector), data, problem), steps=jnp.asarray(steps, jnp.int32), converged=converged
-    )
-
-
-def _checked(found: Any, size: int) -> tuple[Array, Array, Array]:
-    """What a custom solver returned, as arrays; a ValueError if it is anything else."""
+    found: Any = solver(scaled, jnp.zeros(start.size), max_steps)
     shapes = tuple(jnp.shape(part) for part in found) if isinstance(found, tuple | list) else ()
-    if shapes != ((size,), (), ()):
+    if shapes != (start.shape, (), ()):
         got = f"shapes {', '.join(map(str, shapes))}" if shapes else described(found)
         raise ValueError(
-            f"solver must return (optimum, steps, converged) of shapes ({size},), () and (), got {got}; return the "
+            f"solver must return (optimum, steps, converged) of shapes {start.shape}, () and (), got {got}; return the "
             "optimum in the shape of start."
         )
-    optimum, steps, converged = found
-    return jnp.asarray(optimum), jnp.asarray(steps), jnp.asarray(converged, bool)
+    optimum, steps, converged = map(jnp.asarray, found)
+    vector = start + optimum.astype(start.dtype) / lengths
+    search = look(begin(problem, data, vector), data, problem)
+    converged = converged.astype(bool) & jnp.all(jnp.isfinite(vector))
+    return replace(search, steps=steps.astype(jnp.int32), converged=converged)
 
 
 def _best(absolute_sigma: bool, loss: Loss | None, data: Data, found: Search) -> Estimate:
-    """The estimate from the best of the searches (s, ...).
-
-    A search that did not converge, or whose run failed, is used only if there is no other.
-    """
+    """The estimate from the best of the searches (s, ...); of one that failed only if there is no other."""
     losses = jnp.where(jnp.isnan(found.loss), jnp.full_like(found.loss, jnp.inf), found.loss)
     first = jnp.lexsort((losses, ~found.good, ~(found.converged & found.good)))[0]
     best: Search = jax.tree.map(lambda x: x[first], found)
-    jacobian = best.triangle * best.lengths[None]
-    at_optimum = (best.residuals, best.good, jacobian)
-    return estimate_at(data, best.vector, at_optimum, best.steps, best.converged, absolute_sigma, loss)
+    jacobian, vector = best.triangle * best.lengths[None], best.vector
+    spectrum = Spectrum.of(jacobian)
+    raw = best.residuals if loss is None else loss.residuals(best.residuals)
+    judged = raw if loss is None else loss.judged(raw)
+    present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
+    count, squares = jnp.sum(present), jnp.sum(judged**2)
+    dof = count - vector.size - sum(m.linear for m in data.measurements)
+    one = jnp.ones_like(squares)
+    enough = jnp.maximum(dof, 1).astype(one.dtype)
+    unconstrained = (one if absolute_sigma else squares / enough) * spectrum.covariance()
+    slopes = jax.jacfwd(data.layout.coordinates)(vector)
+    covariance = slopes @ unconstrained @ slopes.T
+    unknown = spectrum.undetermined(slopes)
+    covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
+    good = best.good & jnp.all(jnp.isfinite(judged))
+    values = data.layout.values(vector)
+    if absolute_sigma:
+        fits, quantile = within_sigmas(squares, enough), one * ndtri(0.5 + CONFIDENCE / 2)
+    else:
+        fits = explained(remainders_of(data.measurements, judged, values))
+        # Student's t, from a table of all possible degrees of freedom.
+        table = np.concatenate([[np.inf], stdtrit(np.arange(1, judged.size + 1), 0.5 + CONFIDENCE / 2)])
+        quantile = jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, judged.size)]
+    result = jnp.zeros((), jnp.int32)  # of the first condition from below that is False
+    for ended, holds in (
+        (Result.UNDETERMINED, jnp.all(spectrum.determined) & (dof >= 1)),
+        (Result.MISFIT, fits),
+        (Result.NOT_CONVERGED, best.converged),
+        (Result.RUN_FAILED, good),
+    ):
+        result = jnp.where(holds, result, ended.code)
+    coordinates = data.layout.coordinates(vector)
+    half = quantile * jnp.sqrt(jnp.diagonal(covariance))
+    intervals = jnp.stack([coordinates - half, coordinates + half], axis=-1)
+    rms = jnp.sqrt(squares / count.astype(one.dtype))
+    return Estimate(
+        vector, values, coordinates, covariance, intervals, raw, rms, dof, quantile, unconstrained, spectrum,
+        best.steps, best.converged & good, result, result == 0,
+    )  # fmt: skip
 
 
 def solved(
     plan: Plan, data: Data, progress: bool | Callable[[int], Any] | None, ends: Sequence[float] = ()
 ) -> Estimate:
-    """The result of `fit_arrays`, computed step by step from Python; a custom solver shows no progress.
-
-    The measurements up to each of the `ends` are fitted first, by the same program.
-    """
+    """The result of `fit_arrays`, computed step by step from Python; a custom solver shows no progress."""
     if plan.solver is not None:
         return jax.block_until_ready(_whole(plan, data.layout.guess, data.measurements))
     show = progress_line(progress)

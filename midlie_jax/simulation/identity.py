@@ -103,10 +103,9 @@ def _program(batch: Batch, observe: Observe | None) -> str:
     arrays, functions = eqx.partition(eqx.combine(mapped, shared), eqx.is_array)
 
     def run(arrays: Any) -> Any:
-        body, torque, start, dt, t0 = eqx.combine(arrays, functions)
         run_one: Callable[..., Any] = run_of_body
-        first = jnp.int32(0)
-        path = run_one(batch.method, as_adjoint(None), body, torque, start, dt, t0, first, 2, 1, None, None, observe)
+        arguments = eqx.combine(arrays, functions)
+        path = run_one(batch.method, as_adjoint(None), arguments, jnp.int32(0), 2, 1, None, None, observe)
         return path, _combined(observe, path.states) if isinstance(observe, Statistic) else None
 
     return jax.jit(run).lower(arrays).as_text()

@@ -15,11 +15,11 @@ from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.clock import time_of
 from ..drivers.derivatives import as_adjoint
 from ..drivers.ensemble import Batch
-from ..drivers.legs import Leg, iteration, next_stop
 from ..drivers.observe import Observe, Statistic
 from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
 from ..drivers.stepper import Carry, check_carried
+from ..drivers.steps import Leg, iteration, next_stop
 from ..integrators.base import Method
 from .plan import Arrays, Part, Plan
 from .variables import named, value_leaves

@@ -1,6 +1,6 @@
 """Computes the parts of a run in sequence, while a thread writes the earlier parts.
 
-A long part of a run is computed in legs (`drivers/legs.py`) of a few seconds each. A checkpoint of the progress is
+A long part of a run is computed in legs (`drivers/steps.py`) of a few seconds each. A checkpoint of the progress is
 written after some of the legs, so that a kill loses at most half a minute of work. Only the elapsed time decides when,
 and the numbers do not depend on it.
 """

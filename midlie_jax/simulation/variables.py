@@ -14,7 +14,7 @@ from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
 from ..drivers.observe.series import Series
-from ..drivers.tables import COORDINATES, named
+from ..drivers.path import COORDINATES, named
 from ..model.torques.reads_body import without_bath
 from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 

@@ -1,5 +1,6 @@
-"""The argument `observe` of the drivers, and the values it saves of one body."""
+"""The argument `observe` of the drivers, the values it saves of one body, and several statistics of one run by name."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,9 +11,8 @@ from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike, on_body
 from ...model.torques.reads_body import without_bath
-from .observables import Observable, as_observable
+from .observables import Observable, Together, as_observable
 from .series import Series
-from .several import several
 from .statistics import Statistic, promoted
 
 Observe = Observable | Statistic
@@ -36,11 +36,9 @@ def as_observe(value: Any) -> Observe | None:
     Examples:
         >>> ml.observe.as_observe(ml.observe.energy)
         energy
-        >>> ml.observe.as_observe(None) is None  # the states are saved
-        True
     """
     if isinstance(value, dict) and any(isinstance(one, Statistic) for one in value.values()):
-        return several(value)
+        return _several(value)
     return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
 
 
@@ -53,11 +51,6 @@ def as_observe_of_one(value: Any) -> Observe | None:
     Examples:
         >>> ml.observe.as_observe_of_one(ml.observe.energy)
         energy
-        >>> try:
-        ...     ml.observe.as_observe_of_one(ml.observe.Mean(ml.observe.energy))
-        ... except ValueError as error:
-        ...     print(error)
-        a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.
     """
     observe = as_observe(value)
     if isinstance(observe, Statistic) and not isinstance(observe, Series):
@@ -72,11 +65,8 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
         ValueError: the observable returns no array, or complex numbers to a statistic.
 
     Examples:
-        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> ml.observe.observe_state(ml.observe.as_observe(ml.observe.energy), jnp.array(0.0), state, body, None).item()
-        2.25
-        >>> ml.observe.observe_state(None, jnp.array(0.0), state, body, None) is state
-        True
+        >>> ml.observe.observe_state(ml.observe.as_observe(ml.observe.energy), jnp.array(0.0), start, body, None).item()
+        1250.0
     """
     if observe is None:
         return state
@@ -94,3 +84,73 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
                 "its real and its imaginary part."
             )
     return jax.tree.map(lambda x: promoted(x, state.momentum.dtype), value)
+
+
+def _several(statistics: dict[str, Any]) -> Statistic:
+    """The statistics as one, whose results are dicts; raises unless all are statistics of one kind."""
+    others = [name for name, one in statistics.items() if not isinstance(one, Statistic)]
+    if others:
+        raise ValueError(
+            f"observe must hold only statistics or none, but {others[0]!r} is an observable; give it to another run."
+        )
+    over_times = [name for name, one in statistics.items() if isinstance(one, Series)]
+    if over_times and len(over_times) < len(statistics):
+        raise ValueError(
+            f"observe must hold statistics of one kind, but only {', '.join(over_times)} is over times; use two runs."
+        )
+    kind: Any = SeveralSeries if over_times else SeveralAtOneTime
+    return kind(statistics)
+
+
+class SeveralAtOneTime(Statistic):
+    statistics: dict[str, Any]
+
+    def __init__(self, statistics: dict[str, Any]):
+        self.statistics = statistics
+        self.observable = Together({name: one.observable for name, one in statistics.items()})
+
+    def each(self, function: Callable[..., Any], *trees: Any) -> dict[str, Any]:
+        return {name: function(one, *(tree[name] for tree in trees)) for name, one in self.statistics.items()}
+
+    def check(self, saves: int | None) -> None:
+        self.each(lambda one: one.check(saves))
+
+    def part(self, values: Any, good: Array) -> Any:
+        return self.each(lambda one, own: one.part(own, good), values)
+
+    def merged(self, parts: Any) -> Any:
+        return self.each(lambda one, own: one.merged(own), parts)
+
+    def result(self, merged: Any, interval: Array) -> Any:
+        return self.each(lambda one, own: one.result(own, interval), merged)
+
+    def finished(self, merged: Any) -> Any:
+        return self.each(lambda one, own: one.finished(own), merged)
+
+    def attributes(self) -> dict[str, Any]:
+        return {
+            f"{name}_{key}": value for name, one in self.statistics.items() for key, value in one.attributes().items()
+        }
+
+
+class SeveralSeries(SeveralAtOneTime, Series):
+    fields = ()
+
+    def part(self, values: Any, good: Array) -> Any:
+        return Series.part(self, values, good)
+
+    def begun(self, bodies: int, values: Any) -> Any:
+        return self.each(lambda one, own: one.begun(bodies, own), values)
+
+    def taken(self, carried: Any, values: Any, good: Array) -> Any:
+        return self.each(lambda one, *own: one.taken(*own, good), carried, values)
+
+    def sums(self, carried: Any, counted: Array) -> Any:
+        return self.each(lambda one, own: one.sums(own, counted), carried)
+
+    def of_sums(self, sums: Any, interval: Array) -> Any:
+        return self.result(sums, interval)
+
+    def row_of(self, name: str) -> str:
+        own = max((each for each in self.statistics if f"_{each}_" in f"_{name}"), key=len)
+        return self.statistics[own].row_of(name)

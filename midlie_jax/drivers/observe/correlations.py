@@ -1,35 +1,33 @@
-"""`Autocorrelation`: how long a quantity of the bodies stays correlated with its past."""
+"""`Autocorrelation`, how long a quantity stays correlated, and `Susceptibility`, its response to a weak field."""
 
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from ..._checks.arguments import as_count, described
+from ..._checks.arguments import as_count, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import Series
-from .spread import Sums, mean_and_error, sums_of
+from .series import Series, Sums, mean_and_error, of_values, sums_of, unused
 
 _PIECE = 64  # times that are combined with all lags at once
 
 
 class Correlation(NamedTuple):
-    """Result of `Autocorrelation`.
+    """Result of `Autocorrelation`; all are (lags + 1,).
 
     Attributes:
-        lag: (lags + 1,), from 0, in units of time.
-        correlation: (lags + 1,), in the square of the unit of x; without a unit if normalised.
-        error: (lags + 1,), the standard error of the correlation, from its spread over the bodies; NaN for fewer than
-            two bodies.
-        number: (lags + 1,), number of bodies counted: bodies with values at two times separated by this lag.
+        lag: from 0, in units of time.
+        correlation: in the square of the unit of x; without a unit if normalised.
+        error: the standard error of the correlation, from its spread over the bodies; NaN for fewer than two bodies.
+        number: number of bodies counted: bodies with values at two times separated by this lag.
 
     Examples:
-        >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
-        >>> found = ml.observe.autocorrelation(x, lags=20, interval=0.5)
+        >>> found = ml.observe.autocorrelation(np.ones((8, 100)), lags=20, interval=0.5)  # of 8 bodies 100 values each
         >>> found.lag[-1].item(), found.correlation.shape, found.error.shape, found.number[0].item()
         (10.0, (21,), (21,), 8)
     """
@@ -41,22 +39,14 @@ class Correlation(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """The values carried for n bodies from one block of values to the next; m2 = m if the mean is removed, else 0.
+    """The values carried for n bodies from one block of values to the next; m2 = m if the mean is removed, else 0."""
 
-    Attributes:
-        counted: (n,), number of values counted.
-        reference: (n, m2), the first value, which is subtracted from all.
-        first, last: (n, lags, m2) and (n, lags, m), the first and the last values that counted.
-        high, low: (n, lags + 1 + m2), the sums of the products and of the values, and the rounding errors of these
-            sums.
-    """
-
-    counted: Array
-    reference: Array
-    first: Array
-    last: Array
-    high: Array
-    low: Array
+    counted: Array  # (n,), number of values counted
+    reference: Array  # (n, m2), the first value, which is subtracted from all
+    first: Array  # (n, lags, m2), the first values that counted
+    last: Array  # (n, lags, m)
+    high: Array  # (n, lags + 1 + m2), the sums of the products and of the values
+    low: Array  # the rounding errors of these sums
 
 
 class Products(Series):
@@ -142,28 +132,25 @@ class Products(Series):
 
 
 class Autocorrelation(Products):
-    """C(lag) is the mean of x(t) x(t + lag) over bodies and times t; for a vector, of x(t) . x(t + lag).
+    """C(lag) is the mean of x(t) x(t + lag) over bodies and times t, of an observable x; for vectors x(t) . x(t + lag).
 
     Returns a `Correlation` for each array that the observable returns. An array counts as the vector of all its
     numbers; to get a correlation for each number, observe a dict. As usual in molecular dynamics (M. P. Allen and D. J.
     Tildesley, Computer Simulation of Liquids, 2017, section 8.2), no mean is removed, and each lag uses all available
-    pairs of values. Only the values before the first bad state of a body count.
-
-    The error assumes independent bodies, and nothing else: values of one body may be correlated.
+    pairs of values, up to the first bad state of a body. The error assumes independent bodies only: values of one body
+    may be correlated.
 
     Attributes:
-        observable: the observable x.
-        lags: the largest lag, in intervals between saved values: lag k is the time k * save_every * abs(dt).
+        lags: the largest lag, in intervals save_every * abs(dt) between saved values.
         centred: whether the mean of x over all bodies and times is removed first, which gives the autocovariance.
         normalised: whether C is divided by C(0); the error is then the error of the ratio.
 
     Raises:
-        ValueError: `lags` is not a positive int; a driver raises it if the run has at most `lags` saved values.
+        ValueError: `lags` is not a positive int, or a run has at most `lags` saved values.
 
     Examples:
-        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
         >>> memory = ml.observe.Autocorrelation(ml.observe.Axis(), lags=20)
-        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=100, observe=memory).states
+        >>> found = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100, observe=memory).states
         >>> found.correlation.shape, round(float(found.correlation[0]), 6)  # axes have length 1
         ((21,), 1.0)
     """
@@ -185,3 +172,115 @@ class Autocorrelation(Products):
         value, error = mean_and_error(sums, relative=self.normalised)
         lag = jnp.arange(self.lags + 1, dtype=jnp.int32).astype(value.dtype) * interval.astype(value.dtype)
         return Correlation(lag, value, error, sums.number)
+
+
+def autocorrelation(
+    values: Any,
+    lags: int,
+    *,
+    interval: Any = 1.0,
+    first_bad: Any = None,
+    centred: bool = False,
+    normalised: bool = False,
+) -> Correlation:
+    """The autocorrelation of saved values, as computed by `Autocorrelation` during a run.
+
+    Args:
+        values: (n, k) or (n, k, m): k consecutive values of each of n bodies, numbers or vectors.
+        lags, centred, normalised: as for `Autocorrelation`.
+        interval: the time between two values, ().
+        first_bad: (n,), the number of values of each body that count, as in `Path.first_bad`; by default all.
+
+    Raises:
+        ValueError: an argument does not fit.
+
+    Examples:
+        >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
+        >>> found = ml.observe.autocorrelation(x, lags=20, interval=0.5)
+        >>> found.lag[8].item(), round(float(found.correlation[8]), 2)
+        (4.0, 0.5)
+    """
+    statistic = Autocorrelation(unused, lags, centred=centred, normalised=normalised)
+    return of_values(statistic, values, interval, first_bad)
+
+
+class Response(NamedTuple):
+    """Result of `Susceptibility`; all are (lags + 1,).
+
+    Attributes:
+        frequency: angular frequency, from 0 to pi / interval, in radians per unit of time.
+        real, imag: chi' and chi''; chi = chi' + i chi''.
+        real_error, imag_error: standard errors, as for `Correlation`.
+        number: number of bodies counted: bodies with more than `lags` values.
+
+    Examples:
+        >>> response = ml.observe.Susceptibility(ml.observe.Axis(), lags=20, kT=0.5)
+        >>> found = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100, observe=response).states
+        >>> found.real.shape, found.imag[0].item(), found.number[0].item()
+        ((21,), 0.0, 1)
+    """
+
+    frequency: Float[Array, "*batch f"]
+    real: Float[Array, "*batch f"]
+    imag: Float[Array, "*batch f"]
+    real_error: Float[Array, "*batch f"]
+    imag_error: Float[Array, "*batch f"]
+    number: Int[Array, "*batch f"]
+
+
+class Susceptibility(Products):
+    """chi(omega) of x under an energy -x f(t), by the fluctuation-dissipation theorem (R. Kubo 1957).
+
+    With the autocorrelation C, chi = -(1/kT) times the integral of C'(t) exp(i omega t) over t > 0, with C linear
+    between the lags. A constant in C, such as the square of a mean, has no effect. C must have decayed at the largest
+    lag. For a vector, chi is the sum over its components: three times chi of one component if all directions are
+    equal. The error is exact for independent bodies, although values at different lags are correlated.
+
+    Attributes:
+        lags: as for `Autocorrelation`; also the number of frequencies above zero.
+        kT: the temperature in units of energy, ().
+
+    Raises:
+        ValueError: as for `Autocorrelation`; or a temperature that is not one positive number.
+
+    Examples:
+        >>> debye = ml.observe.Susceptibility(ml.observe.Axis(), 100, kT=1.0)
+        >>> run = {"dt": 0.05, "steps": 400, "observe": debye, "bath": ml.baths.Langevin(1.0, 1.0, jax.random.key(0))}
+        >>> found = ml.integrate("BROWNIAN", ml.RigidBody([1.0, 1.0, 1.0]), None, start, **run).states
+        >>> found.imag.shape, round(float(found.frequency[-1] * 0.05), 4)
+        ((101,), 3.1416)
+    """
+
+    fields = Response._fields
+    kT: Array
+
+    def __init__(self, observable: Any, lags: int, *, kT: Any):
+        self.observable, self.lags, self.centred = observable, as_count("lags", lags), False
+        self.kT = as_floats("kT", kT)
+        if self.kT.shape:
+            raise ValueError(f"kT must be a number, got shape {self.kT.shape}.")
+        require("kT", self.kT, lambda x: np.isfinite(x) & (x > 0), "must be positive", "check its sign and its unit.")
+
+    def _sums(self, carried: Carried, counted: Array) -> Sums:
+        products, none, pairs, *mean = self._terms(carried, counted)
+        whole = jnp.all(pairs > 0, axis=0)
+        correlations = jnp.where(whole, products / jnp.where(pairs > 0, pairs, 1), 0)
+        steps = correlations[:-1] - correlations[1:]
+        rows = jnp.asarray(_weights(self.lags), steps.dtype)
+        response = jax.lax.map(lambda row: jnp.sum(row[:, None] * steps, axis=0), rows)
+        terms = jnp.broadcast_to(whole.astype(steps.dtype), response.shape)
+        return sums_of(response, jnp.zeros((len(response), *none.shape[1:]), steps.dtype), terms, *mean, relative=False)
+
+    def of_sums(self, sums: Sums, interval: Array) -> Response:
+        value, error = (x / self.kT.astype(x.dtype) for x in mean_and_error(sums, relative=False))
+        rows = self.lags + 1
+        frequency = jnp.arange(rows, dtype=jnp.int32).astype(value.dtype) * (jnp.pi / self.lags)
+        parts = value[:rows], value[rows:], error[:rows], error[rows:]
+        return Response(frequency / interval.astype(value.dtype), *parts, sums.number[:rows])
+
+
+def _weights(lags: int) -> np.ndarray:
+    """Real and imaginary parts, (2 lags + 2, lags), of the mean of exp(i omega t) between two lags, by frequency."""
+    angle = np.pi * np.arange(lags + 1)[:, None] / lags
+    means = np.exp(1j * angle * (np.arange(lags) + 0.5)) * np.sinc(angle / (2 * np.pi))
+    return np.concatenate([means.real, means.imag])

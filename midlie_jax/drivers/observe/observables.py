@@ -23,10 +23,8 @@ class Observable(eqx.Module):
         >>> class Tilt(ml.observe.Observable):  # of your own: the angle between axis 3 and the vertical, ()
         ...     def of(self, t, state, body, torque):
         ...         return jnp.arccos(ml.so3.to_matrix(state.attitude)[2, 2])
-        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
-        >>> tilted = ml.RigidState([0.0, 0.0, 1.0], ml.so3.exp(jnp.array([0.2, 0.0, 0.0])))
-        >>> round(float(Tilt().of(jnp.array(0.0), tilted, body, None)), 6)  # in a run: as observe
-        0.2
+        >>> round(float(Tilt().of(jnp.array(0.0), start, body, torque)), 6)  # in a run: as observe
+        0.3
     """
 
     @abstractmethod
@@ -35,16 +33,12 @@ class Observable(eqx.Module):
 
 
 class Function(Observable):
-    """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them.
-
-    Attributes:
-        function: `function(t, state)`, pure and made of JAX operations.
+    """A function of the time and the state of one body, pure and made of JAX operations; returns a pytree of arrays.
 
     Examples:
         >>> speed = ml.observe.Function(lambda t, state: jnp.linalg.norm(state.momentum))
-        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([3.0, 0.0, 4.0], [1.0, 0.0, 0.0, 0.0])
-        >>> speed.of(jnp.array(0.0), state, body, None).item()  # a run also takes the plain function as observe
-        5.0
+        >>> speed.of(jnp.array(0.0), start, body, torque).item()  # a run also takes the plain function as observe
+        50.0
     """
 
     function: Callable[[Any, Any], Any]
@@ -54,17 +48,13 @@ class Function(Observable):
 
 
 class Together(Observable):
-    """Several observables by name; the value is a dict of their values.
-
-    Attributes:
-        parts: the observables by name, each in any form that `observe` of a run accepts.
+    """Several observables by name, each in any form that `observe` of a run accepts; the value is a dict of values.
 
     Examples:
         >>> both = ml.observe.Together({"energy": ml.observe.energy, "axis": ml.observe.Axis()})
-        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-        >>> found = both.of(jnp.array(0.0), state, body, None)  # as observe of a run, or the dict alone
+        >>> found = both.of(jnp.array(0.0), start, body, None)  # as observe of a run, or the dict alone
         >>> round(float(found["energy"]), 6), found["axis"].shape
-        (2.25, (3,))
+        (1250.0, (3,))
     """
 
     parts: dict[str, Observable] = eqx.field(
@@ -109,19 +99,12 @@ class Quantity(Observable):
 
 
 def as_observable(name: str, value: Any) -> Observable:
-    """The argument as an observable: an observable, a function of (t, state), or a dict of both.
-
-    Args:
-        name: the name of the argument in the error message.
-        value: the argument.
+    """The argument `name` as an observable: an observable, a function of (t, state), or a dict of both.
 
     Raises:
         ValueError: it is none of these.
 
     Examples:
-        >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.energy, "axis": ml.observe.Axis()})
-        >>> both.parts["energy"]
-        energy
         >>> isinstance(ml.observe.as_observable("observe", lambda t, state: state.momentum[2]), ml.observe.Function)
         True
     """

@@ -28,7 +28,6 @@ class Axis(Observable):
             supports only the third axis.
 
     Examples:
-        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
         >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
         >>> ml.observe.Axis().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
         1.0
@@ -61,7 +60,6 @@ class EulerAngles(Observable):
     Examples:
         >>> orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)
         >>> level = ml.RigidState([0.0, 0.0, 0.0], orbit.lvlh(0.0))
-        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
         >>> jnp.abs(ml.observe.EulerAngles(frame=orbit.lvlh).of(jnp.array(0.0), level, body, None)).round(6)
         Array([0., 0., 0.], dtype=float64)
     """

@@ -12,22 +12,20 @@ from jaxtyping import Float, Int
 from ..._checks.arguments import as_count, as_finite, as_floats, described, require
 from ..._math import components as cp
 from ..._math.sums import total
-from .series import Series
-from .spread import Sums, mean_and_error, sums_of
+from .series import Series, Sums, mean_and_error, of_values, sums_of, unused
 
 
 class Density(NamedTuple):
-    """Result of `Spectrum`; f is segment // 2 + 1.
+    """Result of `Spectrum`; all are (segment // 2 + 1,).
 
     Attributes:
-        frequency: (f,), from 0 to at most 1 / (2 interval), in cycles per unit of time.
-        density: (f,), in the square of the unit of x per unit of frequency.
-        error: (f,), the standard error of the density, from its spread over the bodies; NaN for fewer than two bodies.
-        number: (f,), number of bodies counted: bodies with a whole segment.
+        frequency: from 0 to at most 1 / (2 interval), in cycles per unit of time.
+        density: in the square of the unit of x per unit of frequency.
+        error: the standard error of the density, from its spread over the bodies; NaN for fewer than two bodies.
+        number: number of bodies counted: bodies with a whole segment.
 
     Examples:
-        >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
-        >>> found = ml.observe.spectrum(x, segment=32, interval=0.5)
+        >>> found = ml.observe.spectrum(np.ones((8, 100)), segment=32, interval=0.5)  # of 8 bodies 100 values each
         >>> found.frequency[-1].item(), found.density.shape, found.error.shape, found.number[0].item()
         (1.0, (17,), (17,), 8)
     """
@@ -39,19 +37,13 @@ class Density(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """The values carried for n bodies from one block of values to the next.
+    """The values carried for n bodies from one block of values to the next."""
 
-    Attributes:
-        time, counted: (n,), number of values so far, the same for all bodies, and number of them that count.
-        last: (n, m, segment - 1), the last values.
-        high, low: (n, f), the sum of the densities of all segments, and the rounding error of this sum.
-    """
-
-    time: Array
-    counted: Array
-    last: Array
-    high: Array
-    low: Array
+    time: Array  # (n,), number of values so far, the same for all bodies
+    counted: Array  # (n,), number of them that count
+    last: Array  # (n, m, segment - 1), the last values
+    high: Array  # (n, f), the sum of the densities of all segments
+    low: Array  # the rounding error of this sum
 
 
 class Spectrum(Series):
@@ -59,15 +51,12 @@ class Spectrum(Series):
 
     The integral over frequency is the variance. Returns a `Density` for each array that the observable returns. The
     density of a vector is the sum over its components; to get a density for each number, observe a dict. The values of
-    a body are cut into overlapping segments of `segment` values. The mean of each segment is removed, and the segment
-    is multiplied by the window (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967). The defaults are the
-    defaults of `scipy.signal.welch`. Only segments before the first bad state of a body count. Values after the last
-    whole segment do not count.
-
-    The error assumes independent bodies, and nothing else: segments of one body may be correlated.
+    a body are cut into overlapping segments; the mean of each is removed, and it is multiplied by the window (P. D.
+    Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967). The defaults are the defaults of `scipy.signal.welch`. Only
+    whole segments before the first bad state of a body count. The error assumes independent bodies only: segments of
+    one body may be correlated.
 
     Attributes:
-        observable: the observable x.
         segment: number of saved values per segment, at least 2; frequencies are resolved to about 1 / (segment
             interval), where the interval between two saved values is save_every * abs(dt).
         overlap: number of values that two segments share; by default half of them.
@@ -76,13 +65,11 @@ class Spectrum(Series):
         detrend: whether the mean of each segment is removed.
 
     Raises:
-        ValueError: one of these does not fit the others; a driver raises it if the run has fewer than `segment` saved
-            values.
+        ValueError: one of these does not fit the others, or a run has fewer than `segment` saved values.
 
     Examples:
-        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
         >>> lines = ml.observe.Spectrum(ml.observe.Axis(), segment=64)
-        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=255, observe=lines).states
+        >>> found = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=255, observe=lines).states
         >>> found.frequency.shape, found.density.shape
         ((33,), (33,))
     """
@@ -166,6 +153,35 @@ class Spectrum(Series):
         interval = interval.astype(density.dtype)
         frequency = jnp.arange(self.segment // 2 + 1, dtype=jnp.int32).astype(density.dtype) / (self.segment * interval)
         return Density(frequency, density * interval, error * interval, sums.number)
+
+
+def spectrum(
+    values: Any,
+    segment: int,
+    *,
+    interval: Any,
+    first_bad: Any = None,
+    overlap: int | None = None,
+    window: Any = "hann",
+    detrend: bool = True,
+) -> Density:
+    """The spectrum of saved values, as computed by `Spectrum` during a run.
+
+    Args:
+        values, interval, first_bad: as for `autocorrelation`.
+        segment, overlap, window, detrend: as for `Spectrum`.
+
+    Raises:
+        ValueError: an argument does not fit.
+
+    Examples:
+        >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
+        >>> found = ml.observe.spectrum(x, segment=32, interval=0.5)
+        >>> found.frequency[jnp.argmax(found.density)].item()  # 1 / (8 * 0.5)
+        0.25
+    """
+    statistic = Spectrum(unused, segment, overlap=overlap, window=window, detrend=detrend)
+    return of_values(statistic, values, interval, first_bad)
 
 
 def _as_window(window: Any, segment: int) -> Array:

@@ -17,9 +17,6 @@ from .observables import Observable, as_observable
 class Statistic(eqx.Module):
     """A quantity of all bodies at one time; parts are computed from groups of bodies and then merged.
 
-    Attributes:
-        observable: the observable whose values are combined.
-
     Examples:
         >>> class Largest(ml.observe.Statistic):  # of your own: the largest of a number over the bodies, at each time
         ...     def part(self, values, good):
@@ -48,7 +45,7 @@ class Statistic(eqx.Module):
         """Raises if the statistic needs more saved values of a body than this; None for the end alone."""
 
     def parts(self, values: Any, good: Array) -> Any:
-        """The part of a group of bodies that `ensemble` keeps, from values (bodies, k, ...); here one part per time."""
+        """What `ensemble` keeps of a group of bodies, from values (bodies, k, ...); here one part per time."""
         return jax.vmap(self.part, in_axes=1)(values, good)
 
     def result(self, merged: Any, interval: Array) -> Any:
@@ -94,14 +91,12 @@ class Mean(Statistic):
     """Mean and covariance of an observable over the bodies: `Moments` for each array that the observable returns.
 
     An array counts as the vector of all its numbers. A value that is not finite makes the mean not finite. Parts are
-    merged by the formulas of Chan, Golub and LeVeque (1983), which do not lose digits if the mean is much larger than
-    the deviations.
+    merged by the formulas of Chan, Golub and LeVeque (1983).
 
     Examples:
-        >>> body, spins = ml.RigidBody([2.0, 2.0, 1.0]), np.random.default_rng(0).normal(size=(100, 3))
-        >>> start = ml.RigidState(spins, jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (100, 1)))
-        >>> run = {"dt": 0.1, "steps": 10, "save_every": 5, "observe": ml.observe.Mean(ml.observe.Axis())}
-        >>> found = ml.ensemble("SYMMETRIC[EA]", body, None, start, **run).states
+        >>> starts = ml.RigidState(jnp.tile(start.momentum, (100, 1)), jnp.tile(start.attitude, (100, 1)))
+        >>> run = {"dt": 0.01, "steps": 10, "save_every": 5, "observe": ml.observe.Mean(ml.observe.Axis())}
+        >>> found = ml.ensemble("JACOBI[EA]", body, torque, starts, **run).states
         >>> found.mean.shape, found.covariance.shape  # of the axis (3,) at 3 times
         ((3, 3), (3, 3, 3))
     """
@@ -147,8 +142,8 @@ def _on_moments(function: Callable[[Moments], Any], tree: Any) -> Any:
 class Histogram(Statistic):
     """The number of bodies in each bin: an integer array (bins,) for each number that the observable returns.
 
-    A bin contains its lower edge, and the last bin also its upper edge, as in `numpy.histogram`. Values outside all
-    bins and NaN are not counted. Values and edges are compared in the dtype with more digits.
+    Bins are as in `numpy.histogram`; values outside all bins and NaN are not counted. Values and edges are compared in
+    the dtype with more digits.
 
     Attributes:
         edges: (bins + 1,), increasing, in the unit of the observable.
