@@ -110,7 +110,7 @@ figures: .venv/.bench
 	.venv/bin/python benchmarks/figures.py
 
 test-release: .venv/.test
-	$(PYTEST) tests/test_docs.py tests/test_release.py tests/newcomer.py
+	$(PYTEST) tests/newcomer.py tests/test_docs.py tests/test_release.py
 
 LOWEST = $(patsubst %,tests/test_%.py,laws runs ensemble stepper so3 bodies inputs scalars leaves cli fit_calls release)
 test-lowest: .venv-lowest/.lowest

@@ -114,10 +114,10 @@ def pytest_xdist_make_scheduler(config, log):
 
 
 def group_of(nodeid):
-    """The file; of the law of paths, which takes as long as all others of a worker, a tenth of its scenes."""
+    """The file; of the law of paths and of the pages of docs, which take long, a tenth of the scenes or pages."""
     file, _, parameters = nodeid.partition("[")
     stem = Path(file.partition("::")[0]).stem
-    if stem == "test_paths":
+    if stem in ("test_paths", "test_docs"):
         return f"{stem} {zlib.crc32(parameters.partition('-')[0].rstrip(']').encode()) % 10}"
     return TOGETHER.get(stem, stem)
 

@@ -1,46 +1,34 @@
 """A random search for wrong results: `make fuzz`, or `python tests/fuzz.py --minutes 60`.
 
-What is drawn by hypothesis, which also simplifies what it finds:
+Drawn by hypothesis, which also simplifies what it finds:
 
-- motion: bodies, states, scales, steps, methods, dtypes and batch shapes. Every run is held against the method in fifty
-  digits (`fifty_digits.py`), with the series and solves of float64: no body may be wrong by more than its bound while
-  `ok` is True, and nothing may be raised from inside jit. A program is compiled once for each method, dtype, kind of
-  torque and batch; all else is data, many bodies at a time.
-- arguments: one to three arguments of a sensible call are replaced by another type, shape or dtype, a number out of
-  range, a name that does not exist. Whatever is raised that is no ValueError, or from inside XLA, is a failure. What a
-  torque itself raises is left to it.
-- rows: a torque as a sum of terms, each with parameters of random shapes that are the same for all bodies or one row
-  for each; sizes often agree by chance. `ensemble` must give each body what was meant, or refuse to choose.
-- files: a log of a gyroscope is damaged in one or two ways. `midlie fit` must refuse it with the line, the column or
-  the unit, say that the fit is not ok, or find what it finds in the whole file, within the intervals. What a file
-  cannot show is not asked: an exchange of two columns, for the mirror image of a free body moves like another one.
+- motion: bodies, states, scales, steps, methods, dtypes and batch shapes, against the method in fifty digits
+  (`fifty_digits.py`): no body may be wrong by more than its bound while `ok` is True, and nothing may be raised from
+  inside jit. A program is compiled once for each method, dtype, kind of torque and batch.
+- arguments: some arguments of a sensible call are replaced by another type, shape, dtype, number or name. An error that
+  is no ValueError, or from inside XLA, is a failure.
 """
 
 import argparse
-import contextlib
-import re
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import conftest  # also for float64 and strict promotion
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from cases import METHODS as REGISTERED
-from cases import RIGID_FLIGHTS, Outcome, midlie, tumbled
+from cases import RIGID_FLIGHTS
 from fifty_digits import exact, in_fifty_digits
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 import midlie_jax as ml
-from midlie_jax.drivers.ensemble import as_batch
 from midlie_jax.integrators.runge_kutta import RungeKutta
 from midlie_jax.integrators.splitting import Splitting
 
@@ -56,23 +44,6 @@ TORQUES = ("none", "top", "swing", "direction, none", "direction, top")
 BATCHES = ("one", "vmap", "ensemble")
 # Units in the last place, for each step, of the condition number below, or of the growth.
 BOUND = 16
-
-
-class Case(NamedTuple):
-    """What hypothesis chooses; `bodies` makes the numbers from it."""
-
-    method: str
-    dtype: str
-    torque: str
-    batch: str
-    numbers: int  # seed
-    spread: float  # decades between the masses that make the moments
-    equal: str  # none, two, nearly, three
-    mass: float  # decades of the unit of mass
-    rate: float  # decades of the angular velocity
-    turn: float  # decades of the radians a step
-    lean: str  # direction of the momentum: any, axis, near an axis, separatrix, by velocity
-    pull: float  # decades of torque times step over momentum
 
 
 class Motion(NamedTuple):
@@ -92,21 +63,26 @@ class Numbers(NamedTuple):
     weight: np.ndarray
 
 
-CASES = st.builds(
-    Case,
-    method=st.sampled_from(METHODS),
-    dtype=st.sampled_from(["float64", "float32"]),
-    torque=st.sampled_from(TORQUES),
-    batch=st.sampled_from(BATCHES),
-    numbers=st.integers(0, 2**32 - 1),
-    spread=st.sampled_from([0.0, 0.3, 1.0, 3.0, 6.0]),
-    equal=st.sampled_from(["none", "two", "nearly", "three"]),
-    mass=st.integers(-20, 20).map(float),
-    rate=st.integers(-8, 8).map(float),
-    turn=st.floats(-9, 1.5),
-    lean=st.sampled_from(["any", "axis", "near an axis", "separatrix", "by velocity"]),
-    pull=st.floats(-8, 0.5),
-).filter(lambda case: not (isinstance(ml.method(case.method), RungeKutta) and case.torque.startswith("direction")))
+# What hypothesis chooses; `bodies` makes the numbers from it.
+CHOICES = {
+    "method": st.sampled_from(METHODS),
+    "dtype": st.sampled_from(["float64", "float32"]),
+    "torque": st.sampled_from(TORQUES),
+    "batch": st.sampled_from(BATCHES),
+    "numbers": st.integers(0, 2**32 - 1),  # seed
+    "spread": st.sampled_from([0.0, 0.3, 1.0, 3.0, 6.0]),  # decades between the masses that make the moments
+    "equal": st.sampled_from(["none", "two", "nearly", "three"]),
+    "mass": st.integers(-20, 20).map(float),  # decades of the unit of mass
+    "rate": st.integers(-8, 8).map(float),  # decades of the angular velocity
+    "turn": st.floats(-9, 1.5),  # decades of the radians a step
+    "lean": st.sampled_from(["any", "axis", "near an axis", "separatrix", "by velocity"]),  # of the momentum
+    "pull": st.floats(-8, 0.5),  # decades of torque times step over momentum
+}
+Case = SimpleNamespace
+CASES = st.fixed_dictionaries(CHOICES).map(lambda chosen: Case(**chosen))
+CASES = CASES.filter(
+    lambda case: not (isinstance(ml.method(case.method), RungeKutta) and case.torque.startswith("direction"))
+)
 
 
 def bodies(case: Case) -> Numbers:
@@ -164,9 +140,13 @@ def torque_of(torque: str, weight, dt):
     return ml.torques.HeavyTop(weight) if torque.endswith("top") else jax.tree_util.Partial(swing, weight, dt)
 
 
+def kind_of(torque: str):
+    return ml.DirectionState if torque.startswith("direction") else ml.RigidState
+
+
 def one_of(method: str, torque: str):
     """Momentum, pose and flag of one body after STEPS steps, as a function of its numbers."""
-    kind = ml.DirectionState if torque.startswith("direction") else ml.RigidState
+    kind = kind_of(torque)
 
     def one(moments, momentum, attitude, dt, weight):
         start, field = kind(momentum, attitude), torque_of(torque, weight, dt)
@@ -183,7 +163,7 @@ def program(method: str, dtype: str, torque: str, batch: str):
     """The same for a batch, compiled once."""
     del dtype  # a part of the key
     one = one_of(method, torque)
-    kind = ml.DirectionState if torque.startswith("direction") else ml.RigidState
+    kind = kind_of(torque)
 
     def many(moments, momentum, attitude, dt, weight):
         start, field = kind(momentum, attitude), torque_of(torque, weight, dt)
@@ -197,7 +177,7 @@ def program(method: str, dtype: str, torque: str, batch: str):
 @cache
 def exact_program(method: str, torque: str):
     """The same in fifty digits; its series and solves are those of float64."""
-    pose = np.eye(4)[0] if not torque.startswith("direction") else np.eye(3)[2]
+    pose = np.eye(3)[2] if torque.startswith("direction") else np.eye(4)[0]
     return in_fifty_digits(one_of(method, torque), *(np.ones(3), np.ones(3), pose, np.float64(0.1), np.float64(1)))
 
 
@@ -238,10 +218,7 @@ def errors(ends: Motion, exact: Motion, numbers: Numbers) -> tuple[np.ndarray, n
 
 
 def growth(case: Case, numbers: Numbers, exact: Motion) -> np.ndarray:
-    """How much the method itself enlarges a small error at the start, tried in some directions.
-
-    Near a fold of its equation, and in the chaos of very long steps, it does so more than `condition` tells.
-    """
+    """How much the method itself enlarges a small error at the start, near a fold of its equation or in chaos."""
     rng, small, most = np.random.default_rng(0), 1e-9, 0.0
     for _ in range(8):
         pushes = [rng.normal(size=x.shape) for x in (numbers.momentum, numbers.attitude)]
@@ -325,37 +302,24 @@ BODIES = [
 NAMES = ["LIEMID[EA]", "liemid[ea]", "JACOBI", "SYMMETRIC[EA]", "Verlet", "RK4", "JACOBI[RK4]", "", "[", "LIEMID[EA"]
 ANYTHING = st.sampled_from([*NUMBERS, *ARRAYS, *OBJECTS, *STATES, *ACTING, *BODIES, *NAMES])
 
+SENSIBLE = {"method": "LIEMID[EA]", "body": BODIES[0], "torque": None, "dt": 0.1, "steps": 2, "save_every": 1}
+SENSIBLE |= {"t0": 0.0, "first_step": 0}
 CALLS = {
-    "integrate": (ml.integrate, {"start": STATES[0]}),
-    "ensemble": (ml.ensemble, {"start": STATES[1], "chunk": 1, "torque_axes": "auto"}),
-}
-SENSIBLE = {
-    "method": "LIEMID[EA]",
-    "body": BODIES[0],
-    "torque": None,
-    "dt": 0.1,
-    "steps": 2,
-    "save_every": 1,
-    "t0": 0.0,
-    "first_step": 0,
+    "integrate": (ml.integrate, SENSIBLE | {"start": STATES[0]}),
+    "ensemble": (ml.ensemble, SENSIBLE | {"start": STATES[1], "chunk": 1, "torque_axes": "auto"}),
 }
 LIKELY = {"body": BODIES, "torque": ACTING, "start": STATES, "method": NAMES, "motion": STATES, "name": NAMES}
 PARTS = {
     "RigidBody": (ml.RigidBody, {"moments": [1.0, 2.0, 2.5]}),
     "TensorBody": (ml.TensorBody, {"tensor": np.eye(3)}),
     "RigidState": (ml.RigidState, {"momentum": [1.0, 2.0, 3.0], "attitude": [1.0, 0.0, 0.0, 0.0]}),
-    "DirectionState": (ml.DirectionState, {"momentum": [1.0, 2.0, 3.0], "direction": [0.0, 0.0, 1.0]}),
     "HeavyTop": (ml.torques.HeavyTop, {"mgl": 1.0, "axis": (0.0, 0.0, 1.0)}),
-    "Prescribed": (ml.torques.Prescribed, {"function": lambda t: jnp.ones(3)}),
     "Held": (ml.torques.Held, {"values": np.ones((2, 3)), "dt": 0.1, "t0": 0.0}),
     "Pulses": (ml.torques.Pulses, {"starts": [0.0, 1.0], "width": 0.1, "torque": [0.0, 0.0, 1.0]}),
-    "ReactionWheels": (ml.spacecraft.ReactionWheels, {"momentum": lambda t: jnp.ones(3)}),
     "Sum": (lambda one, two: ml.torques.Sum(one, two), {"one": ACTING[1], "two": ACTING[3]}),
     "method": (ml.method, {"name": "JACOBI", "scheme": "EA"}),
     "Scheme": (ml.schemes.Scheme, {"name": "mine", "order": 1, "stages": (("kick", 1.0), ("flight", 1.0))}),
     "energy": (ml.observe.energy, {"body": BODIES[0], "torque": ACTING[1], "motion": STATES[0], "t": None}),
-    "velocity": (ml.observe.spatial_angular_velocity, {"body": BODIES[0], "state": STATES[0]}),
-    "PDControl": (ml.spacecraft.PDControl, {"target": [1.0, 0, 0, 0], "proportional": 1.0, "derivative": 1.0}),
     "KeplerOrbit": (ml.orbits.KeplerOrbit, {"position": [1.0, 0, 0], "velocity": [0.0, 1, 0], "mu": 1.0}),
 }
 
@@ -364,7 +328,7 @@ PARTS = {
 def calls(draw):
     """A function's name and its arguments."""
     name = draw(st.sampled_from([*CALLS, *CALLS, *PARTS]))
-    arguments = {**SENSIBLE, **CALLS[name][1]} if name in CALLS else dict(PARTS[name][1])
+    arguments = dict((CALLS | PARTS)[name][1])
     for key in draw(st.lists(st.sampled_from(sorted(arguments)), min_size=1, max_size=3, unique=True)):
         arguments[key] = draw(st.one_of(ANYTHING, st.sampled_from(LIKELY[key])) if key in LIKELY else ANYTHING)
     return name, arguments
@@ -383,226 +347,18 @@ def check_call(call) -> None:
             raise AssertionError(f"{name}: {error}") from error
 
 
-# ---- rows ----
-
-SIZES = (1, 2, 3, 4, 5, 8)
-# For each term: the shapes of its parameters, "m" being the length of a table, and the term itself.
-TERMS = {
-    "scaled": (((),), lambda p, t, state: p[0] * state.momentum),
-    "drag": (((3,),), lambda p, t, state: -p[0] * state.momentum),
-    "field": (((3,), (3,)), lambda p, t, state: jnp.cross(p[0], ml.so3.to_matrix(state.attitude).T @ p[1])),
-    "spectrum": ((("m",), ("m",)), lambda p, t, state: jnp.sum(p[0] * jnp.cos(p[1] * t)) * state.attitude[1:]),
-    "table": ((("m",), ()), lambda p, t, state: p[1] * p[0][-1] * state.momentum),
-    "matrix": (((3, 3),), lambda p, t, state: p[0] @ state.momentum),
-    "polynomial": ((("m",), (3,)), lambda p, t, state: jnp.polyval(p[0], t) * p[1]),
-}
-
-
-class Drawn(NamedTuple):
-    """A torque as it is meant: for each term its name, the length of its table, and which parameters have rows."""
-
-    count: int
-    terms: list[tuple[str, int, tuple[bool, ...]]]
-    numbers: int  # seed
-
-
-class Term(eqx.Module):
-    """A term of the torque, with parameters in a list."""
-
-    name: str = eqx.field(static=True)
-    parameters: list
-
-    def __call__(self, t, state):
-        return TERMS[self.name][1](self.parameters, t, state)
-
-
-@st.composite
-def drawn(draw):
-    count = draw(st.sampled_from(SIZES))
-    terms = [
-        (name, draw(st.sampled_from([count, 3, 4])), tuple(draw(st.booleans()) for _ in TERMS[name][0]))
-        for name in draw(st.lists(st.sampled_from(sorted(TERMS)), min_size=1, max_size=5))
-    ]
-    return Drawn(count, terms, draw(st.integers(0, 2**32 - 1)))
-
-
-def check_rows(case: Drawn) -> str:
-    """ "decided" or "refused"; an AssertionError where a body got other parameters than were meant."""
-    rng = np.random.default_rng(case.numbers)
-    terms, alone = [], [[] for _ in range(case.count)]
-    for name, length, owned in case.terms:
-        arrays = []
-        for shape, own in zip(TERMS[name][0], owned, strict=True):
-            shape = tuple(length if size == "m" else size for size in shape)
-            arrays.append(jnp.asarray(rng.normal(size=(case.count, *shape) if own else shape)))
-        terms.append(Term(name, arrays))
-        for i, own_terms in enumerate(alone):
-            own_terms.append(Term(name, [x[i] if own else x for x, own in zip(arrays, owned, strict=True)]))
-    attitude = rng.normal(size=(case.count, 4))
-    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
-    start = ml.RigidState(rng.normal(size=(case.count, 3)), attitude)
-    body = ml.RigidBody([1.0, 2.0, 2.5])
-    try:
-        batch = as_batch("RK4", body, ml.torques.Sum(*terms), start, 0.1, 0.0)
-    except ValueError as error:
-        if "torque_axes" not in str(error):
-            raise AssertionError("refused for another reason") from error
-        return "refused"
-    for i, meant in enumerate(alone):
-        _, torque, state, *_ = eqx.combine(jax.tree.map(lambda x, i=i: x[i], batch.mapped), batch.shared)
-        t = jnp.asarray(0.7)
-        given, wanted = torque(t, state), ml.torques.Sum(*meant)(t, state)
-        assert given.shape == wanted.shape, (case, given.shape)
-        assert np.allclose(given, wanted, rtol=1e-12, atol=1e-12), (case, i, given, wanted)
-    return "decided"
-
-
-# ---- files ----
-
-Rows = list[list[str]]
-Damage = tuple[str, float, float]  # its name, and the row and the column as shares of the file
-MOMENTS, RATE, TIMES = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0]), np.arange(61) * 0.1
-RATIO = re.compile(r"^moments\[\d\] / moments\[2\] +(\S+) +\[(\S+), (\S+)\]", re.M)
-SAID = re.compile(r"line \d+|column|--unit|--time-unit|is not text|not ok|no rows of data")
-
-
-@cache
-def log() -> str:
-    """The file as it should be."""
-    rates = tumbled(MOMENTS, RATE, TIMES)[0] + 0.01 * np.random.default_rng(0).standard_normal((len(TIMES), 3))
-    rows = (",".join(f"{x:.5f}" for x in (t, *row)) for t, row in zip(TIMES, rates, strict=True))
-    return "\n".join(["t,wx,wy,wz", *rows]) + "\n"
-
-
-def scale(rows: Rows, columns: range, factor: float) -> None:
-    for cells in rows[1:]:
-        for k in columns:
-            with contextlib.suppress(ValueError, IndexError):
-                cells[k] = f"{float(cells[k]) * factor:.5f}"
-
-
-def exchange_columns(rows: Rows, row: int, column: int) -> None:
-    for cells in rows:
-        if len(cells) == 4:
-            other = (column + 1 + row % 3) % 4
-            cells[column % 4], cells[other] = cells[other], cells[column % 4]
-
-
-def exchange(cells: list[str], place: int) -> None:
-    other = (place + 1) % len(cells)
-    cells[place], cells[other] = cells[other], cells[place]
-
-
-# What becomes of one cell, of all rows at a row and a column, and of the text.
-OF_CELLS: dict[str, Callable[[str], str]] = {
-    **{value: lambda cell, value=value: value for value in ("NaN", "inf", "", "error", "0")},
-    "another sign": lambda cell: cell[1:] if cell.startswith("-") else "-" + cell,
-    "another digit": lambda cell: re.sub(r"\d", lambda digit: str((int(digit[0]) + 3) % 10), cell, count=1),
-    "no decimal point": lambda cell: cell.replace(".", ""),
-}
-OF_ROWS: dict[str, Callable[[Rows, int, int], object]] = {
-    "columns exchanged": exchange_columns,
-    "cells exchanged": lambda rows, row, column: exchange(rows[row], column),
-    "rows exchanged": lambda rows, row, column: rows.insert(row - 1, rows.pop(row)),
-    "a row twice": lambda rows, row, column: rows.insert(row, list(rows[row])),
-    "a row lost": lambda rows, row, column: rows.pop(row),
-    "a time twice": lambda rows, row, column: rows[row].__setitem__(0, rows[max(row - 1, 1)][0]),
-    "milliseconds": lambda rows, row, column: scale(rows, range(1), 1e3),
-    "degrees": lambda rows, row, column: scale(rows, range(1, 4), 180 / np.pi),
-    "a comment": lambda rows, row, column: rows.insert(row, ["# restarted"]),
-}
-OF_TEXT: dict[str, Callable[[str, float, float], str]] = {
-    "cut at the end": lambda text, first, second: text[: len(text) - 1 - int(first * 70)],
-    "cut inside": lambda text, first, second: (
-        text[: int(first * len(text))] + text[int(first * len(text)) + 1 + int(second * 60) :]
-    ),
-    "no header": lambda text, first, second: text.partition("\n")[2],
-    "empty lines": lambda text, first, second: text.replace("\n", "\n\n", 1 + int(5 * first)),
-    "decimal commas alone": lambda text, first, second: text.replace(".", ","),
-    "a separator at the end": lambda text, first, second: text.replace("\n", ",\n"),
-    # These change all cells, so they come last: the other damage is then what it says.
-    "byte order mark": lambda text, first, second: "\ufeff" + text,
-    "line ends of Windows": lambda text, first, second: text.replace("\n", "\r\n"),
-    "semicolons": lambda text, first, second: text.replace(",", ";"),
-    "decimal commas": lambda text, first, second: text.replace(",", ";").replace(".", ","),
-    "tabs": lambda text, first, second: text.replace(",", "\t"),
-    "spaces": lambda text, first, second: text.replace(",", " , "),
-    "quotes": lambda text, first, second: re.sub(r"[^,\n]+", lambda cell: f'"{cell[0]}"', text),
-}
-DAMAGES = [*OF_CELLS, *OF_ROWS, *OF_TEXT]
-
-
-@st.composite
-def damages(draw) -> list[Damage]:
-    """One or two damages and where."""
-    place = st.floats(0, 1, exclude_max=True)
-    names = draw(st.lists(st.sampled_from(DAMAGES), min_size=1, max_size=2, unique=True))
-    return [(name, draw(place), draw(place)) for name in sorted(names, key=DAMAGES.index)]
-
-
-def damaged(damage: list[Damage]) -> str:
-    text = log()
-    for name, first, second in damage:
-        if name in OF_TEXT:
-            text = OF_TEXT[name](text, first, second)
-            continue
-        rows = [line.split(",") for line in text.splitlines()]
-        row = 1 + int(first * (len(rows) - 2))
-        column = int(second * (len(rows[row]) - 1e-9))
-        if name in OF_CELLS:
-            rows[row][column] = OF_CELLS[name](rows[row][column])
-        else:
-            OF_ROWS[name](rows, row, column)
-        text = "".join(",".join(cells) + "\n" for cells in rows)
-    return text
-
-
-def fitted(text: str) -> Outcome:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "log.csv"
-        file.write_bytes(text.encode())
-        return midlie("fit", file, "--unit", "rad/s")
-
-
-@cache
-def expected() -> np.ndarray:
-    """The ratios and their intervals from the log file, (2, 3)."""
-    outcome = fitted(log())
-    assert outcome.code == 0, outcome.err
-    return np.array(RATIO.findall(outcome.out), float)
-
-
-def check_damage(damage: list[Damage]) -> str:
-    """Raises AssertionError where a damaged file is silently taken for a good one; what became of it otherwise."""
-    code, out, err = fitted(damaged(damage))
-    if code:
-        assert SAID.search(err), f"{damage}: the message names no line, column or unit: {err}"
-        return "not ok" if "not ok" in err else "refused"
-    found, (ratios, low, high) = np.array(RATIO.findall(out), float)[:, 0], expected().T
-    assert np.all((low <= found) & (found <= high)), (
-        f"{damage}: ok with the ratios {found}, and without the damage {ratios} in {low} to {high}"
-    )
-    return "as if whole"
-
-
 # ---- the search ----
 
 
 class Search(NamedTuple):
-    """A class of search: its share of the time, how its cases are drawn, the test, and how many cases a round has."""
+    """Its share of the time, how its cases are drawn, and the test."""
 
     share: float
     cases: Callable[[], st.SearchStrategy]
     test: Callable[[Any], Any]
-    examples: int = 100
 
 
-CLASSES = {
-    "arguments": Search(0.1, calls, check_call),
-    "rows": Search(0.1, drawn, check_rows),
-    "files": Search(0.2, damages, check_damage, examples=10),
-    "motion": Search(0.6, lambda: CASES, check),
-}
+CLASSES = {"arguments": Search(0.1, calls, check_call), "motion": Search(0.9, lambda: CASES, check)}
 
 
 def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy) -> int:
@@ -612,7 +368,7 @@ def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy) -
 
         @seed(turn)
         @settings(
-            max_examples=search.examples,
+            max_examples=100,
             deadline=None,
             database=None,
             report_multiple_bugs=False,

@@ -2,9 +2,7 @@
 
     python tests/mutants.py [NAME ...] [--all] [--workers N]
 
-Each mutant is one line of the package made wrong, in a copy. First run the tests that should kill it, as `make test`
-selects them. With `--all` a mutant that survives these meets the whole of `make test`. Prints a line for each; the exit
-status is the number of survivors.
+With `--all` a mutant that survives its tests meets all of `make test`. The exit status is the number of survivors.
 """
 
 import argparse
@@ -42,10 +40,7 @@ MUTANTS = {
         "sunlight -k eddy",
     ),
     "sunlight": ("asteroids/brightness.py", "«2 * →»surface.areas * specular", "sunlight api_examples"),
-    "thin gas": (
-        *("spacecraft/disturbances.py", "(thermal * thermal) «/ 2 →»* z"),
-        "surface sunlight api_examples",
-    ),
+    "thin gas": (*("spacecraft/disturbances.py", "(thermal * thermal) «/ 2 →»* z"), "surface sunlight api_examples"),
     "points": (
         *("molecules/points.py", "jnp.«sum(masses[:, None] * →mean(»places, axis=0, keepdims=True)"),
         "sites api_examples",
@@ -88,16 +83,8 @@ MUTANTS = {
 }
 
 
+# What is copied, without what git ignores but with compiled Python.
 PARTS = ("midlie_jax", "tests", "benchmarks", "docs", "notebooks")
-
-
-def copied(folder: Path) -> None:
-    """A copy of the repository without what git ignores, but with compiled Python."""
-    for part in PARTS:
-        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("build", ".hypothesis"))
-    for path in ROOT.iterdir():
-        if path.is_file():
-            shutil.copy(path, folder / path.name)
 
 
 def fails(folder: Path, tests: str) -> bool:
@@ -116,15 +103,19 @@ def verdict(name: str, everything: bool) -> str:
     began, (file, line, killers) = time.monotonic(), MUTANTS[name]
     right, wrong = (re.sub("«(.*)→(.*)»", rf"\{n}", line) for n in (1, 2))
     with tempfile.TemporaryDirectory() as folder:
-        copied(Path(folder))
-        path = Path(folder) / "midlie_jax" / file
+        copy = Path(folder)
+        for part in PARTS:
+            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("build", ".hypothesis"))
+        for one in filter(Path.is_file, ROOT.iterdir()):
+            shutil.copy(one, copy / one.name)
+        path = copy / "midlie_jax" / file
         text = path.read_text()
         if text.count(right) != 1:
             found = f"SURVIVED: the line occurs {text.count(right)} times in {file}"
         else:
             path.write_text(text.replace(right, wrong))
-            found = "killed" if fails(Path(folder), killers) else "SURVIVED"
-            if everything and found == "SURVIVED" and fails(Path(folder), ""):
+            found = "killed" if fails(copy, killers) else "SURVIVED"
+            if everything and found == "SURVIVED" and fails(copy, ""):
                 found = "killed by another test"
     print(f"{name:32} {found} ({time.monotonic() - began:.0f} s)", flush=True)
     return found

@@ -1,17 +1,11 @@
 """What a newcomer does, with the wheel in an empty environment and an empty folder: `make test-release`.
 
-First the package with its core dependencies alone. Then every command of README and docs, as written; those that
-install an extra first, the others in the order of the pages. They are the lines of blocks of a shell, and what stands
-between backticks, if they begin with `midlie`, `pip install`, `python -m` or `eval`. Commands of a copy of the
-repository, `make` and `python benchmarks/...`, are not among them; `test_docs.py` sees that they exist, and runs the
-blocks of Python.
-
-A command that takes long has a comment on its page, which a reader of the page does not see:
-`<!-- not run: COMMAND; REASON -->`, where COMMAND may end in " ..." for all that begin so.
-
-It needs the registry, and is not in `make test`.
+First the package alone; then every command of README and docs, as written: lines of shell blocks and words between
+backticks that begin with `midlie`, `pip install`, `python -m` or `eval`. A command that takes long has a comment on its
+page, `<!-- not run: COMMAND; REASON -->`, where COMMAND may end in " ..." for all that begin so.
 """
 
+import contextlib
 import os
 import re
 import shlex
@@ -19,7 +13,6 @@ import subprocess
 import textwrap
 import venv
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from cases import benchmark
@@ -37,32 +30,20 @@ OUTPUT = (".png", ".npz", ".csv", ".zarr", ".gif", ".html", ".md")
 LIMIT = 900  # seconds for one command, on a busy machine
 
 
-class Command(NamedTuple):
-    page: str
-    line: str
-    not_run: str  # the reason, if there is one
-
-
-def name_of(page):
-    return page.relative_to(ROOT).as_posix()
-
-
-def commands():
-    """The commands of all pages, each once for each page."""
-    pages = benchmark("figures")
-    for page in PAGES:
-        text = page.read_text()
-        reasons = NOT_RUN.findall(text)
-        for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text), PROGRAMS)):
-            if line.startswith(STARTS) and not PLACEHOLDER.search(line):
-                yield Command(name_of(page), line, next((why for what, why in reasons if matches(what, line)), ""))
-
-
 def matches(what, line):
     return line.startswith(what.removesuffix(" ...")) if what.endswith(" ...") else line == what
 
 
-COMMANDS = list(commands())
+def commands():
+    """The commands to run, and a page of each."""
+    pages = benchmark("figures")
+    for page in PAGES:
+        text = page.read_text()
+        not_run = [what for what, _ in NOT_RUN.findall(text)]
+        for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text), PROGRAMS)):
+            wanted = line.startswith(STARTS) and not PLACEHOLDER.search(line)
+            if wanted and not any(matches(what, line) for what in not_run):
+                yield line, page.relative_to(ROOT).as_posix()
 
 
 @pytest.fixture(scope="session")
@@ -122,21 +103,19 @@ def mentioned_only(line):
     *_, words = line.replace("python -m midlie_jax", "midlie").partition("midlie")
     if not line.startswith(("midlie", "python -m midlie_jax")) or len(words.split()) > 1:
         return False
-    try:
-        read(words.split())
-    except ValueError:
-        return True
-    except SystemExit:  # --help and --version
-        return False
+    with contextlib.suppress(SystemExit):  # --help and --version
+        try:
+            read(words.split())
+        except ValueError:
+            return True
     return False
 
 
 # What installs an extra comes first, as a reader would have it before the commands that need it.
-_RUN = {command.line: command for command in COMMANDS if not command.not_run}
-TO_RUN = dict(sorted(_RUN.items(), key=lambda item: "pip install" not in item[0]))
+TO_RUN = dict(sorted(dict(commands()).items(), key=lambda item: "pip install" not in item[0]))
 
 
-@pytest.mark.parametrize("line", TO_RUN, ids=lambda line: f"{TO_RUN[line].page}: {line}")
+@pytest.mark.parametrize("line", TO_RUN, ids=lambda line: f"{TO_RUN[line]}: {line}")
 def test_the_command_runs_as_written(newcomer, line):
     """And leaves the files that it names."""
     done, folder = newcomer(f"{line} --help" if mentioned_only(line) else line)

@@ -2,8 +2,7 @@
 
     python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--torn N]
 
-It prints a line whenever it has written something. With `--torn` it is killed in the middle of its N-th file of values,
-half of which is then there.
+With `--torn` it is killed in the middle of its N-th file of values, half of which is then there.
 """
 
 import argparse

@@ -1,8 +1,4 @@
-"""Every public name has an entry on the page of its topic, a docstring, and an example that prints what it says.
-
-The examples are of the standard module doctest: lines after >>> in a section "Examples:". The docstring of the package
-lists the names that they use without a definition.
-"""
+"""Every public name has an entry on the page of its topic, a docstring, and an example that prints what it says."""
 
 import doctest
 import importlib.util
@@ -17,7 +13,6 @@ import midlie_jax as ml
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 
 _spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
 assert _spec
@@ -52,35 +47,18 @@ def test_every_page_is_in_the_site_and_explains_public_names():
     nav = re.findall(r"([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     notebooks = [f"notebooks/{path.stem}.md" for path in (ROOT / "notebooks").glob("*.ipynb")]
     made = [*TOPICS, "notebooks/README.md", "CHANGELOG.md", *notebooks]
-    assert sorted(nav) == sorted([*(page.relative_to(DOCS).as_posix() for page in PAGES[1:]), *made])
+    assert sorted(nav) == sorted([*(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")), *made])
     shown = [entry.removeprefix("midlie_jax.") for entry in SHOWN]
     assert len(set(shown)) == len(shown) > 100
     for begins in hooks.EXPLAINED.values():
         assert [begin for begin in begins if not any(entry.startswith(begin) for entry in shown)] == []
 
 
-def test_formulas_become_mathml():
-    pytest.importorskip("math_core")  # of the extra docs
-    made = hooks.with_mathml(r'<p>A <span class="arithmatex">\(a &lt; b\)</span>, <code>$x$</code>.</p>', "heat.md")
-    assert made == "<p>A <math><mi>a</mi><mo>&lt;</mo><mi>b</mi></math>, <code>$x$</code>.</p>"
-    with pytest.raises(ValueError, match=r"heat\.md must have formulas in LaTeX, got"):
-        hooks.with_mathml(r'<span class="arithmatex">\(\nothing\)</span>', "heat.md")
-
-
-WRITERS = {
-    "midlie_jax.spacecraft.attitudes": "midlie_jax.spacecraft.attitudes.write"
-}  # its example writes the file that others read
-
-
-def assumed():
-    """The names that every example can use: those that the docstring of the package defines."""
-    names = {}
-    for line in doctest.DocTestParser().get_examples(ml.__doc__):
-        exec(line.source, names)
-    return names
-
-
-ASSUMED = assumed()
+# The example that writes the file which others read.
+WRITERS = {"midlie_jax.spacecraft.attitudes": "midlie_jax.spacecraft.attitudes.write"}
+ASSUMED = {}  # what every example can use: the names that the docstring of the package defines
+for line in doctest.DocTestParser().get_examples(ml.__doc__):
+    exec(line.source, ASSUMED)
 
 
 def example(entry):

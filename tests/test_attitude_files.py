@@ -16,7 +16,7 @@ from midlie_jax.cli.main import main
 from midlie_jax.spacecraft import attitudes
 from midlie_jax.spacecraft.attitudes.epochs import Epoch
 
-# Example G-4 of CCSDS 504.0-B-2, shortened by comments.
+# Examples G-4 and G-5 of CCSDS 504.0-B-2, shortened.
 QUATERNIONS = """\
 CCSDS_AEM_VERS = 2.0
 CREATION_DATE = 2002-11-04T17:22:31
@@ -56,20 +56,15 @@ REF_FRAME_A     = EME2000
 REF_FRAME_B      = SC_BODY_1
 TIME_SYSTEM     = UTC
 START_TIME      = 1996-12-18T12:05:00.5555
-USEABLE_START_TIME = 1996-12-18T12:10:00.5555
-USEABLE_STOP_TIME  = 1996-12-28T21:23:00.5555
 STOP_TIME       = 1996-12-28T21:28:00.5555
 ATTITUDE_TYPE   = QUATERNION
 META_STOP
 
 DATA_START
 1996-12-18T12:05:00.5555 -0.64585 0.018542  -0.23854 0.72501
-1996-12-18T12:10:05.5555 0.87451  -0.43475  0.13458  0.16767
-1996-12-18T12:10:10.5555 0.03125  -0.65874  0.23458  0.71418
-1996-12-28T21:28:00.5555 -0.25485 0.58745  -0.36845  0.67394
+1996-12-28T21:28:00.5555 -0.25485 0.58745  -0.36845 0.67394
 DATA_STOP
 """
-# Example G-5 of CCSDS 504.0-B-2, its first rows.
 SPIN = """\
 CCSDS_AEM_VERS = 2.0
 CREATION_DATE  = 2008-071T17:09:49
@@ -84,8 +79,6 @@ REF_FRAME_A    = J2000
 REF_FRAME_B    = SC_BODY_1
 TIME_SYSTEM    = UTC
 START_TIME     = 2006-090T05:00:00.071
-USEABLE_START_TIME = 2006-090T05:00:00.071
-USEABLE_STOP_TIME = 2006-090T05:00:00.946
 STOP_TIME      = 2006-090T05:00:00.946
 ATTITUDE_TYPE  = SPIN
 META_STOP
@@ -95,7 +88,6 @@ COMMENT        Spin KF ground solution, SPINKF rates
   2006-090T05:00:00.071  2.6862511e+002  6.8448486e+001  1.5969509e+002 -1.0996528e+002
   2006-090T05:00:00.196  2.6863990e+002  6.8432197e+001  1.4593720e+002 -1.0996493e+002
   2006-090T05:00:00.321  2.6864591e+002  6.8412960e+001  1.3218766e+002 -1.0996455e+002
-  2006-090T05:00:00.446  2.6863697e+002  6.8392049e+001  1.1845280e+002 -1.0996402e+002
 DATA_STOP
 """
 # Its first segment as in the example of CCSDS 504.0-B-1, which says the direction and the place of the scalar.
@@ -106,16 +98,8 @@ OLD = (
     .replace("TIME_SYSTEM", "ATTITUDE_DIR = A2B\nTIME_SYSTEM")
     .replace("INTERPOLATION_METHOD", "QUATERNION_TYPE = LAST\nINTERPOLATION_METHOD")
 )
-SAID = {
-    "epoch": "2026-04-13T21:45:00",
-    "time_system": "TAI",
-    "time_unit": "s",
-    "object_name": "CUBE",
-    "object_id": "2026-001A",
-    "originator": "LAB",
-    "ref_frame_a": "EME2000",
-    "ref_frame_b": "SC_BODY_1",
-}
+SAID = {"epoch": "2026-04-13T21:45:00", "time_system": "TAI", "time_unit": "s", "object_name": "CUBE"}
+SAID |= {"object_id": "2026-001A", "originator": "LAB", "ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
 RANDOM = np.asarray(Rotation.random(1000, np.random.default_rng(0)).as_quat(scalar_first=True))
 
 
@@ -134,7 +118,7 @@ def test_the_quaternions_of_the_standard(tmp_path):
     start = datetime(1996, 11, 28, 21, 29, 7, 255500)
     last = datetime(1996, 12, 28, 21, 28, 0, 555500)
     np.testing.assert_allclose(
-        found.times[[0, 1, 2, 7]], [0, 2336.3, 2337.3, (last - start).total_seconds()], rtol=1e-14
+        found.times[[0, 1, 2, 5]], [0, 2336.3, 2337.3, (last - start).total_seconds()], rtol=1e-14
     )
     first = np.array([0.68427, 0.56748, 0.03146, 0.45689])
     np.testing.assert_allclose(found.attitudes[0], first / np.linalg.norm(first), rtol=1e-14)
@@ -209,17 +193,14 @@ def test_random_attitudes_come_back(tmp_path, version, form):
         np.testing.assert_allclose(found.segments[0].columns["SPIN_ANGLE_VEL"], rates, rtol=1e-14)
 
 
-@pytest.mark.parametrize("sequence", ["XYZ", "ZYZ"])
-def test_euler_angles_are_turns_of_the_frame_one_after_the_other(tmp_path, sequence):
+def test_euler_angles_are_turns_of_the_frame_one_after_the_other(tmp_path):
     """By SciPy, whose capital letters are turns about axes as they are by then."""
-    angles = np.random.default_rng(3).uniform(-80, 80, (5, 3))
-    line = "\n".join(f"1996-11-28T22:08:0{i}.0 {' '.join(map(repr, row.tolist()))}" for i, row in enumerate(angles))
-    text = QUATERNIONS.split("\n\nMETA_START\nCOMMENT  This block")[0]
-    text = re.sub(r"DATA_START\n(.*\n)*?DATA_STOP", f"DATA_START\n{line}\nDATA_STOP", text)
-    text = text.replace("= QUATERNION", f"= EULER_ANGLE\nEULER_ROT_SEQ = {sequence}")
+    angles = np.random.default_rng(3).uniform(-80, 80, (3, 3))
+    lines = [f"1996-11-28T22:08:0{i}.0 {' '.join(map(repr, row.tolist()))}" for i, row in enumerate(angles)]
+    text = re.sub(r"DATA_START[\s\S]*", "\n".join(["DATA_START", *lines, "DATA_STOP", ""]), OLD, count=1)
+    text = text.replace("= QUATERNION", "= EULER_ANGLE\nEULER_ROT_SEQ = XYZ").replace("QUATERNION_TYPE = LAST\n", "")
     seen = Rotation.from_quat(kept(tmp_path, text).attitudes, scalar_first=True)
-    wanted = Rotation.from_euler(sequence, angles, degrees=True)
-    assert (wanted.inv() * seen).magnitude().max() < 1e-14
+    assert (Rotation.from_euler("XYZ", angles, degrees=True).inv() * seen).magnitude().max() < 1e-14
 
 
 @pytest.mark.sample(0)
@@ -260,46 +241,31 @@ def test_leap_seconds_are_counted_in_utc_alone():
     assert since == (datetime(2026, 1, 1) - datetime(1972, 1, 1)) / timedelta(seconds=1) + 27  # 27 since 1972
 
 
-FIRST = "1996-11-28T21:29:07.2555 0.56748"
-WRONG = {
-    "no message": ("t,x\n1,2\n", "line 1: must be CCSDS_AEM_VERS"),
-    "another version": (
-        QUATERNIONS.replace("2.0\n", "3.0\n", 1),
-        "line 1: CCSDS_AEM_VERS must be 1.0 or 2.0, got '3.0'",
-    ),
-    "XML": ("<?xml version='1.0'?>", "is XML"),
-    "an unknown frame": (QUATERNIONS.replace("EME2000", "EME200O", 1), "line 11: .*'EME200O'.*did you mean 'EME2000'"),
-    "no direction": (OLD.replace("ATTITUDE_DIR = A2B\n", ""), "have no ATTITUDE_DIR"),
-    "a word that is misspelt": (
-        QUATERNIONS.replace("CENTER_NAME", "CENTRE_NAME", 1),
-        "line 10: .*did you mean 'CENTER_NAME'",
-    ),
-    "a word twice": (QUATERNIONS.replace("CENTER_NAME ", "OBJECT_ID ", 1), "line 10: OBJECT_ID occurs a second time"),
-    "a time system": (QUATERNIONS.replace("= UTC", "= MET", 1), "line 13: TIME_SYSTEM: unknown time system 'MET'"),
-    "no sequence": (SPIN.replace("= SPIN", "= EULER_ANGLE"), "have no EULER_ROT_SEQ"),
-    "a number too few": (
-        QUATERNIONS.replace("  0.68427", ""),
-        "line 24: QUATERNION needs an epoch and 4 numbers, got 3",
-    ),
-    "not of length one": (
-        QUATERNIONS.replace("0.68427", "0.78427"),
-        "line 24: the quaternion must have length 1 to 0.001",
-    ),
-    "no epoch": (QUATERNIONS.replace(FIRST, "28.11.1996 0.56748"), "line 24: the epoch must be an epoch such as"),
-    "not ascending": (QUATERNIONS.replace("28T22:08:04", "28T22:08:03"), "line 26: epochs must ascend"),
-    "before the start": (
-        QUATERNIONS.replace(FIRST, "1996-11-28T21:29:07.2554 0.56748"),
-        "line 24: .*not between START",
-    ),
-    "cut": (QUATERNIONS[:-60], "the file ends before DATA_STOP|needs an epoch"),
-}
+# In the standard's example or another text, what is replaced by what, and the message.
+WRONG = [
+    (QUATERNIONS, "CCSDS_AEM", "t,x", "line 1: must be CCSDS_AEM_VERS"),
+    (QUATERNIONS, "2.0\n", "3.0\n", "line 1: CCSDS_AEM_VERS must be 1.0 or 2.0, got '3.0'"),
+    (QUATERNIONS, "CCSDS_AEM", "<?xml", "is XML"),
+    (QUATERNIONS, "EME2000", "EME200O", "line 11: .*'EME200O'.*did you mean 'EME2000'"),
+    (OLD, "ATTITUDE_DIR = A2B\n", "", "have no ATTITUDE_DIR"),
+    (QUATERNIONS, "CENTER_NAME", "CENTRE_NAME", "line 10: .*did you mean 'CENTER_NAME'"),
+    (QUATERNIONS, "CENTER_NAME ", "OBJECT_ID ", "line 10: OBJECT_ID occurs a second time"),
+    (QUATERNIONS, "= UTC", "= MET", "line 13: TIME_SYSTEM: unknown time system 'MET'"),
+    (SPIN, "= SPIN", "= EULER_ANGLE", "have no EULER_ROT_SEQ"),
+    (QUATERNIONS, "  0.68427", "", "line 24: QUATERNION needs an epoch and 4 numbers, got 3"),
+    (QUATERNIONS, "0.68427", "0.78427", "line 24: the quaternion must have length 1 to 0.001"),
+    (QUATERNIONS, "1996-11-28T21:29:07.2555 0", "28.11.1996 0", "line 24: the epoch must be an epoch such as"),
+    (QUATERNIONS, "28T22:08:04", "28T22:08:03", "line 26: epochs must ascend"),
+    (QUATERNIONS, "07.2555 0", "07.2554 0", "line 24: .*not between START"),
+    (QUATERNIONS, "0.67394\nDATA_STOP\n", "", "needs an epoch"),
+    (QUATERNIONS, "0.67394\nDATA_STOP\n", "0.67394", "the file ends before DATA_STOP"),
+]
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_with_a_file_is_said_with_its_line(tmp_path, name):
-    text, message = WRONG[name]
-    with pytest.raises(ValueError, match=message):
-        kept(tmp_path, text)
+def test_what_is_wrong_with_a_file_is_said_with_its_line(tmp_path):
+    for text, old, new, message in WRONG:
+        with pytest.raises(ValueError, match=message):
+            kept(tmp_path, text.replace(old, new, 1))
 
 
 def test_what_is_not_known_is_asked_for(tmp_path):
@@ -322,43 +288,39 @@ def test_what_is_not_known_is_asked_for(tmp_path):
         _ = segment.attitudes
 
 
-STATE = ml.RigidState(np.zeros((3, 3)), RANDOM[:3])
+REFUSED = [
+    ({"ref_frame_a": "SC_BODY_1", "ref_frame_b": "EME2000"}, "exchange them"),
+    ({"ref_frame_a": "SPACE"}, "unknown frame of ref_frame_a 'SPACE'"),
+    ({"epoch": datetime(2026, 1, 1, tzinfo=UTC)}, "epoch must have no time zone"),
+    ({"time_unit": "sec"}, "unknown time_unit 'sec'"),
+    ({"time_unit": "ns", "times": [0.0, 0.1, 0.2]}, "ascend by more than a nanosecond"),
+    ({"times": [0.0, 1.0]}, r"times must have shape \(3,\)"),
+    ({"form": "matrix"}, "unknown form"),
+    ({"form": "euler"}, "give it only with form='euler'"),
+    ({"form": "euler", "sequence": "ZZX"}, "sequence must be three axes"),
+    ({"form": "spin"}, "needs the body of the run"),
+    ({"object_name": "two\nlines"}, "object_name must be one line"),
+    ({"run": ml.RigidState(np.zeros((3, 2, 3)), np.tile(RANDOM[:3, None], (1, 2, 1)))}, "one body of a batch"),
+    ({"run": 3.0}, "run must hold the attitudes"),
+]
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"ref_frame_a": "SC_BODY_1", "ref_frame_b": "EME2000"}, "exchange them"),
-        ({"ref_frame_a": "SPACE"}, "unknown frame of ref_frame_a 'SPACE'"),
-        ({"epoch": datetime(2026, 1, 1, tzinfo=UTC)}, "epoch must have no time zone"),
-        ({"time_unit": "sec"}, "unknown time_unit 'sec'"),
-        ({"time_unit": "ns", "times": [0.0, 0.1, 0.2]}, "ascend by more than a nanosecond"),
-        ({"times": [0.0, 1.0]}, r"times must have shape \(3,\)"),
-        ({"form": "matrix"}, "unknown form"),
-        ({"form": "euler"}, "give it only with form='euler'"),
-        ({"form": "euler", "sequence": "ZZX"}, "sequence must be three axes"),
-        ({"form": "spin"}, "needs the body of the run"),
-        ({"object_name": "two\nlines"}, "object_name must be one line"),
-        (
-            {"run": ml.RigidState(np.zeros((3, 2, 3)), np.tile(RANDOM[:3, None], (1, 2, 1)))},
-            "select one body of a batch",
-        ),
-        ({"run": 3.0}, "run must hold the attitudes"),
-    ],
-)
-def test_what_cannot_be_written_is_refused(tmp_path, changes, message):
-    options = SAID | {"times": [0.0, 1.0, 2.0], "run": STATE} | changes
-    with pytest.raises(ValueError, match=message):
-        attitudes.write(options.pop("run"), tmp_path / "no.aem", **options)
+def test_what_cannot_be_written_is_refused(tmp_path):
+    for changes, message in REFUSED:
+        options = SAID | {"times": [0.0, 1.0, 2.0], "run": ml.RigidState(np.zeros((3, 3)), RANDOM[:3])} | changes
+        with pytest.raises(ValueError, match=message):
+            attitudes.write(options.pop("run"), tmp_path / "no.aem", **options)
     assert not (tmp_path / "no.aem").exists()
+
+
+TIMES, STATES = 0.5 * np.arange(1000), ml.RigidState(np.zeros((1000, 3)), RANDOM)
 
 
 def test_brahe_reads_what_is_written_here_and_writes_what_is_read(tmp_path):
     """brahe 1.8, of version 2.0."""
     brahe = pytest.importorskip("brahe.ccsds")
-    state, times = ml.RigidState(np.zeros((1000, 3)), RANDOM), 0.5 * np.arange(1000)
     for options in ({}, {"form": "euler", "sequence": "ZXZ"}):
-        attitudes.write(state, tmp_path / "here.aem", times=times, **SAID | options)
+        attitudes.write(STATES, tmp_path / "here.aem", times=TIMES, **SAID | options)
         there = brahe.AEM.from_file(str(tmp_path / "here.aem"))
         trajectory = there.segment_to_attitude_trajectory(0)
         assert len(there.segments[0].states) == 1000
@@ -367,15 +329,14 @@ def test_brahe_reads_what_is_written_here_and_writes_what_is_read(tmp_path):
             assert abs(abs(theirs @ RANDOM[i]) - 1) < 1e-12
     there.to_file(str(tmp_path / "there.aem"), "KVN")
     back = attitudes.read(tmp_path / "there.aem")
-    np.testing.assert_allclose(back.times, times, atol=1e-8)
+    np.testing.assert_allclose(back.times, TIMES, atol=1e-8)
     np.testing.assert_allclose(np.abs(np.sum(back.attitudes * RANDOM, axis=1)), 1, atol=1e-14)
 
 
 def test_ccsds_ndm_reads_what_is_written_here(tmp_path):
     """ccsds-ndm 3.1: the quaternions of version 1.0, and spin."""
     ndm = pytest.importorskip("ccsds_ndm.ndm_kvn_io")
-    state, times = ml.RigidState(np.zeros((1000, 3)), RANDOM), 0.5 * np.arange(1000)
-    attitudes.write(state, tmp_path / "here.aem", times=times, version="1.0", **SAID)
+    attitudes.write(STATES, tmp_path / "here.aem", times=TIMES, version="1.0", **SAID)
     message = ndm.NdmKvnIo().from_path(tmp_path / "here.aem")
     lines = message.body.segment[0].data.attitude_state
     theirs = np.array([[q.qc, q.q1, q.q2, q.q3] for q in (line.quaternion_state.quaternion for line in lines)])

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon, quick, real, whole
+from cases import epsilon, real, whole
 
 import midlie_jax as ml
 from midlie_jax.model import so3
@@ -60,12 +60,13 @@ def close(a, b, slack=1e-12):
     np.testing.assert_allclose(so3.to_matrix(a.attitude), so3.to_matrix(b.attitude), rtol=0, atol=slack)
 
 
-FRAMES = [("JACOBI[EA]", "of the momentum and the body"), ("DOP853", "from a potential"), ("AKW", "top")]
-OTHERS = [(m, name) for m in ("JACOBI[EA]", "AKW", "DOP853") for name in TORQUES if (m, name) not in FRAMES]
+FRAMES = [("JACOBI[EA]", "of the momentum and the body"), ("DOP853", "from a potential")]
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("method", "name"), [*FRAMES, *whole(*OTHERS)])
+@pytest.mark.parametrize(
+    ("method", "name"), [*FRAMES, *whole(*((m, name) for m in ("JACOBI[EA]", "AKW") for name in TORQUES))]
+)
 def test_a_body_keeps_the_frame_of_its_tensor(method, name):
     torque = TORQUES[name]
     path = ml.integrate(method, BODY, torque, START, dt=0.05, steps=20, save_every=10)
@@ -103,18 +104,12 @@ def test_tensors_of_many_bodies():
 
 @pytest.mark.sample(0)
 def test_other_states_and_drivers_know_the_frame():
-    """A direction, a density and diffrax: all as the full state under `integrate`."""
+    """A density, and diffrax as `integrate`."""
     run = {"dt": 0.02, "steps": 20, "save_every": None}
     end = ml.integrate("JACOBI[EA]", BODY, TOP, START, **run).states
-    top = ml.DirectionState(START.momentum, so3.to_matrix(START.attitude)[2])
-    short = ml.integrate("JACOBI[EA]", BODY, TOP, top, **run).states
-    np.testing.assert_allclose(short.momentum, end.momentum, atol=1e-13)
-    np.testing.assert_allclose(short.direction, so3.to_matrix(end.attitude)[2], atol=1e-13)
     seen = {"density": lambda t, state: 1 + 0.1 * state.momentum[0] ** 2, "dt": 0.05, "steps": 8}
     principal = ml.TensorBody(jnp.diag(jnp.asarray(MOMENTS)))
     own, other = (ml.integrate_variable_step("LIEMID[EA*]", body, None, START, **seen) for body in (BODY, principal))
-    assert own.ok
-    assert other.ok
     assert own.times[-1] != other.times[-1]  # the density saw another momentum
     term = ml.diffrax.RigidBodyTerm(BODY, TOP)
     options = {"y0": START, "saveat": diffrax.SaveAt(t1=True), "adjoint": diffrax.ForwardMode()}
@@ -126,45 +121,32 @@ def test_other_states_and_drivers_know_the_frame():
 # ---- what is read off a motion ----
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_angular_velocities(dtype):
+def test_angular_velocities():
     """The attitude turns by them: R' = R skew(Omega) = skew(omega) R, by differences of the closed flight."""
-    body = ml.RigidBody(jnp.asarray(MOMENTS, dtype))
-    start = jax.tree.map(lambda x: x.astype(dtype), START)
-    own, space = ml.observe.angular_velocity(body, start), ml.observe.spatial_angular_velocity(body, start)
-    np.testing.assert_allclose(own, start.momentum / MOMENTS.astype(dtype), rtol=4 * epsilon(dtype))
-    np.testing.assert_allclose(space, so3.rotate(start.attitude, own), atol=4 * epsilon(dtype))
-    if dtype == "float64":
-        h = 1e-4
-        ahead, behind = (
-            ml.integrate("JACOBI[E1]", body, None, start, dt=dt, steps=1).states.attitude[-1] for dt in (h, -h)
-        )
-        turned = so3.log(so3.multiply(ahead, so3.conjugate(behind))) / (2 * h)
-        np.testing.assert_allclose(turned, space, atol=1e-8)
-    many = jax.tree.map(lambda x: jnp.tile(x, (2, 4, 1)), start)
+    body, h = ml.RigidBody(MOMENTS), 1e-4
+    own, space = ml.observe.angular_velocity(body, START), ml.observe.spatial_angular_velocity(body, START)
+    np.testing.assert_allclose(own, START.momentum / MOMENTS, rtol=4 * epsilon("float64"))
+    ends = ml.free_motion(body, START, jnp.array([h, -h])).states.attitude
+    turned = so3.log(so3.multiply(ends[0], so3.conjugate(ends[1]))) / (2 * h)
+    np.testing.assert_allclose(turned, space, atol=1e-8)
+    many = jax.tree.map(lambda x: jnp.tile(x.astype("float32"), (2, 4, 1)), START)
     for velocity in (ml.observe.angular_velocity, ml.observe.spatial_angular_velocity):
-        assert velocity(body, many).shape == (2, 4, 3)
+        found = velocity(ml.RigidBody(jnp.asarray(MOMENTS, "float32")), many)
+        assert (found.shape, found.dtype) == ((2, 4, 3), "float32")
     with pytest.raises(ValueError, match="needs the attitude"):
-        inspect.unwrap(ml.observe.spatial_angular_velocity)(body, ml.MomentumState(start.momentum))
-
-
-def orbiting(eccentricity):
-    speed = (1 - eccentricity) ** 0.5
-    orbit = ml.orbits.KeplerOrbit(jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, speed, 0.0]), 1.0)
-    return ml.spacecraft.GravityGradient(None, orbit, 1.0)
+        inspect.unwrap(ml.observe.spatial_angular_velocity)(body, ml.MomentumState(START.momentum))
 
 
 @pytest.mark.sample(0)
 def test_energy_asks_for_the_time_that_it_depends_on():
     """On an eccentric orbit; a path brings its own times, and a state must be given one."""
-    body, torque = ml.RigidBody(jnp.asarray(MOMENTS)), orbiting(0.3)
+    orbit = ml.orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 0.7**0.5, 0.0], 1.0)
+    body, torque = ml.RigidBody(MOMENTS), ml.spacecraft.GravityGradient(None, orbit, 1.0)
     path = ml.integrate("JACOBI[EA]", body, torque, START, dt=0.05, steps=40, save_every=10)
     energy = real(partial(ml.observe.energy, body, torque))
     curve = energy(path)
     each = [energy(jax.tree.map(lambda x, i=i: x[i], path.states), path.times[i]) for i in range(5)]
-    rounding = (
-        4 * epsilon("float64") * float(jnp.max(ml.observe.kinetic_energy(body, path.states)))
-    )  # of the largest term
+    rounding = 4 * epsilon("float64") * float(jnp.max(ml.observe.kinetic_energy(body, path.states)))
     np.testing.assert_allclose(curve, each, rtol=0, atol=rounding)
     np.testing.assert_allclose(energy(path.states, path.times), each, rtol=0, atol=rounding)
     assert np.ptp(np.asarray(curve) - ml.observe.energy(body, torque, path.states, 0.0)) > 1e-3
@@ -200,22 +182,14 @@ def test_of_many_bodies_with_many_states_each_is_that_of_each_state():
 
         return np.array([[of_one(n, k) for k in range(3)] for n in range(3)])
 
-    def one_energy(body, weight, state):
-        return ml.observe.energy(body, ml.torques.HeavyTop(weight, (0.0, 0.6, 0.8)), state)
-
-    expected = each(one_energy)
+    expected = each(lambda b, weight, state: ml.observe.energy(b, ml.torques.HeavyTop(weight, (0.0, 0.6, 0.8)), state))
     for motion, wanted in ((path, expected), (jax.tree.map(lambda x: x[:, -1], path.states), expected[:, -1])):
         for axes in ("auto", 0):
             found = ml.observe.energy(bodies, torque, motion, torque_axes=axes)
             np.testing.assert_allclose(found, wanted, rtol=1e-13)
     for function in (ml.observe.kinetic_energy, ml.observe.angular_velocity, ml.observe.spatial_angular_velocity):
-        found = function(bodies, path.states)
-        np.testing.assert_allclose(
-            found, each(lambda body, _, state, f=function: f(body, state)), rtol=1e-13, atol=1e-15
-        )
-    shared = ml.torques.HeavyTop(2.0, (0.0, 0.6, 0.8))
-    found = ml.observe.energy(bodies, shared, path)
-    np.testing.assert_allclose(found, each(lambda body, _, state: ml.observe.energy(body, shared, state)), rtol=1e-13)
+        wanted = each(lambda body, _, state, f=function: f(body, state))
+        np.testing.assert_allclose(function(bodies, path.states), wanted, rtol=1e-13, atol=1e-15)
 
 
 def test_energies_of_large_numbers_do_not_overflow():
@@ -229,7 +203,6 @@ def test_quaternions_of_other_programs():
     ours = so3.exp(jnp.asarray(RNG.normal(size=(6, 3))))
     theirs = so3.to_scipy(ours)
     np.testing.assert_allclose(theirs.as_matrix(), so3.to_matrix(ours), atol=1e-15)
-    np.testing.assert_allclose(so3.to_xyzw(ours), np.asarray(ours)[:, [1, 2, 3, 0]])
     np.testing.assert_array_equal(so3.from_xyzw(so3.to_xyzw(ours)), ours)
     np.testing.assert_allclose(Rotation.from_quat(so3.to_xyzw(ours)).as_matrix(), so3.to_matrix(ours), atol=1e-15)
     shares = np.linspace(0, 1, 5)
@@ -237,15 +210,3 @@ def test_quaternions_of_other_programs():
     exact = Slerp([0, 1], theirs[:2])(shares).as_matrix()
     np.testing.assert_allclose(so3.to_matrix(between), exact, atol=1e-14)
     assert so3.slerp(ours, ours[::-1], 0.5).shape == (6, 4)
-
-
-@pytest.mark.sample(0)
-def test_gradient_in_a_tensor_equals_differences():
-    def end(entry):
-        tensor = TENSOR.at[0, 1].add(entry).at[1, 0].add(entry)
-        path = ml.integrate("JACOBI[EA]", ml.TensorBody(tensor), TOP, START, dt=0.05, steps=4, save_every=4)
-        return path.states.momentum[-1] @ jnp.array([0.3, -1.0, 0.7]) + path.states.attitude[-1, 0]
-
-    both = quick(jax.value_and_grad(end))
-    slope, h = float(both(jnp.asarray(0.0))[1]), 1e-5
-    assert float(both(jnp.asarray(h))[0] - both(jnp.asarray(-h))[0]) / (2 * h) == pytest.approx(slope, rel=1e-7)

@@ -1,7 +1,6 @@
 """The Python of README and docs runs as it is written, block after block, and what they name is there."""
 
 import contextlib
-import json
 import os
 import re
 import subprocess
@@ -88,23 +87,18 @@ def run_page(page):
         assert names["solution"].result == names["diffrax"].RESULTS.successful
 
 
-@pytest.fixture(scope="module")
-def failures():
-    """What went wrong on each page, run in a process of its own: with the settings of a reader, not of the tests."""
-    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    found = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
-    assert found.returncode == 0, found.stderr
-    return json.loads(found.stdout.splitlines()[-1])
-
-
 RUN = [page for page in PAGES if blocks(page)]
+PARTS = 6  # of these pages; each is one group of conftest.py, so that two workers share them
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("page", RUN, ids=name_of)
-def test_python_runs_as_written(page, failures):
-    """And no path or solution of theirs has failed."""
-    assert failures[name_of(page)] == ""
+@pytest.mark.parametrize("part", range(PARTS))
+def test_python_runs_as_written(part):
+    """In a process with the settings of a reader and not of the tests; no path or solution of a page has failed."""
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    command = [sys.executable, __file__, str(part)]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -124,9 +118,9 @@ def test_files_and_commands_that_are_named_exist(page):
 
 def test_makefile_names_tests_that_exist():
     lists = re.findall(r"patsubst %,tests/test_%\.py,((?:[^)\\]|\\\n)+)\)", (ROOT / "Makefile").read_text())
+    named = " ".join(lists).replace("\\", "").split()
     assert len(lists) == 2
-    named = set(" ".join(lists).replace("\\", "").split())
-    assert {name for name in named if not (ROOT / f"tests/test_{name}.py").exists()} == set()
+    assert [name for name in named if not (ROOT / f"tests/test_{name}.py").exists()] == []
 
 
 # ---- pictures, notebooks, programs beside ours ----
@@ -175,11 +169,11 @@ def test_a_notebook_is_its_script_executed_once_without_errors(script):
 
 
 if __name__ == "__main__":
-    outcomes = {}
-    for page in RUN:
+    wrong = 0
+    for page in RUN[int(sys.argv[1]) :: PARTS]:
         try:
             run_page(page)
-            outcomes[name_of(page)] = ""
         except Exception:  # one wrong page must not hide what is wrong with the others
-            outcomes[name_of(page)] = traceback.format_exc()
-    print(json.dumps(outcomes))
+            wrong += 1
+            print(f"{name_of(page)}: {traceback.format_exc()}", file=sys.stderr)
+    sys.exit(wrong)

@@ -41,8 +41,7 @@ def is_explained(measurement, residuals):
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_model_leaves_of_the_signal_is_a_misfit(kind):
-    """The whole wave or half of it; a tenth is small, and noise smaller than the wave is noise. Angles are told from
-    noise also where they are small, as in a libration of three degrees."""
+    """The whole wave or half of it; noise smaller than the wave is noise, also of small angles."""
     measurement, noise = KINDS[kind](0.5), np.random.default_rng(0).standard_normal((N, 3))
     assert is_explained(measurement, 0.05 * WAVE)
     assert is_explained(measurement, 0.05 * noise)
@@ -55,36 +54,31 @@ def test_what_a_model_leaves_of_the_signal_is_a_misfit(kind):
 
 
 def test_chi_squared_is_that_of_a_chance_of_one_in_a_million_with_sigmas_to_a_tenth():
-    for dof in (3, 10, 100, 10_000):
-        limit = 1.21 * chi2.isf(1e-6, dof)
-        number = jnp.asarray(float(dof))
-        assert bool(within_sigmas(jnp.asarray(0.99 * limit), number))
-        assert not bool(within_sigmas(jnp.asarray(1.08 * limit), number))
+    for dof in (3.0, 100.0, 10_000.0):
+        limit = jnp.asarray(1.21 * chi2.isf(1e-6, dof))
+        assert bool(within_sigmas(0.99 * limit, jnp.asarray(dof)))
+        assert not bool(within_sigmas(1.08 * limit, jnp.asarray(dof)))
 
 
 def rates(residuals):
     return [fitting.Rates(np.arange(float(len(residuals))), np.ones((len(residuals), 3)), 1.0)]
 
 
-def test_all_outliers_are_named():
-    residuals = 0.01 * np.random.default_rng(0).standard_normal((400, 3))
-    wrong = np.arange(20, 400, 38)[:10]
-    residuals[wrong, 1] += 0.5
-    (doubt,) = doubts([residuals], rates(residuals))
-    assert doubt.rows == tuple(wrong)
-    assert "10 values are off by" in doubt.text
-    assert all(f" {row}," in doubt.text + "," for row in wrong)
-
-
-def test_white_noise_raises_no_doubt():
+def test_all_outliers_are_named_and_white_noise_raises_no_doubt():
     rng = np.random.default_rng(0)
     for n in (12, 40, 400):
         for _ in range(30):
             residuals = rng.standard_normal((n, 3))
             assert not doubts([residuals], rates(residuals))
+    wrong = np.arange(20, 400, 38)[:10]
+    residuals[wrong, 1] += 50
+    (doubt,) = doubts([0.01 * residuals], rates(residuals))
+    assert doubt.rows == tuple(wrong)
+    assert "10 values are off by" in doubt.text
+    assert all(f" {row}," in doubt.text + "," for row in wrong)
 
 
-@pytest.mark.parametrize("r", [0.5, 0.8, 0.9])
+@pytest.mark.parametrize("r", [0.5, 0.9])
 def test_correlated_residuals_tell_by_what_factor_the_intervals_are_too_narrow(r):
     """AR(1): the root of (1 + r) / (1 - r), the known factor of the deviation of a mean."""
     rng, factors = np.random.default_rng(1), []
@@ -121,15 +115,6 @@ def test_rows_between_which_a_body_turns_far_are_named():
     assert alias(3 * 2 * np.pi, body=BALL) == ""
     assert "turns 3 times" in alias(3 * 2 * np.pi, body=BALL, torque=ml.torques.HeavyTop(1.0))
     assert "turns 3 times" in alias(3 * 2 * np.pi, ("Attitudes",), body=BALL)
-
-
-def test_speeds_that_no_free_body_has_are_not_taken_for_degrees():
-    """Held, thrown and caught: the guess is the first row, and other rows are a hundred times as fast."""
-    values = np.concatenate([0.05 * np.ones((10, 3)), 5 * np.ones((20, 3))])
-    measured = fitting.Rates(np.arange(30.0), values, 0.1)
-    guess = {"p": fitting.Free([0.05, 0.1, 0.125])}
-    with pytest.raises(ValueError, match=r"one free motion, got speeds from 0.0866 to 8.66. Fit only the rows"):
-        fitting.prepare(lambda v: (BODY, None, ml.MomentumState(v["p"])), guess, measured, dt=0.1)
 
 
 # ---- attitudes in another convention are named where there are rates, and right ones never are ----
@@ -170,7 +155,7 @@ def message(measurements, values):
 
 
 @pytest.mark.sample(3)
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 def test_right_attitudes_are_never_named_and_wrong_ones_never_by_another_name(seed):
     """With noise of any size, missing rows, outliers, sparse rows, signs that jump and an unknown bias."""
     rng = np.random.default_rng(seed)
@@ -192,8 +177,7 @@ def test_right_attitudes_are_never_named_and_wrong_ones_never_by_another_name(se
         assert not said or f"these are {name}, " in said
 
 
-@pytest.mark.parametrize("body", [None, 1])
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize(("name", "body"), list(zip(WRONG, (None, 1, None), strict=True)))
 def test_another_convention_is_named_with_its_cure(name, body):
     """The cure is run as the message writes it; of several bodies, each is tested by its own rates."""
     rng = np.random.default_rng(3)

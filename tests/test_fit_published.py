@@ -1,5 +1,6 @@
 """Fits to published rates, and to noisy copies of them: estimates and intervals against the published numbers."""
 
+import re
 from functools import cache
 
 import jax
@@ -48,8 +49,7 @@ def test_the_brick_has_the_published_inertia():
 
 @pytest.mark.sample(0)
 def test_intervals_hold_the_truth_as_often_as_they_say_and_the_covariance_is_that_of_the_scatter():
-    """Each of the published numbers, in 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity; of 100
-    copies a variance is known to 14 %."""
+    """In 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity; a variance is known to 14 %."""
     many, _ = resampled()
     assert np.all(many.ok)
     truth = np.concatenate([published.BRICK, published.BRICK_RATES[0]])
@@ -71,21 +71,16 @@ def test_a_free_body_gives_ratios_of_moments_only():
     whole = published.brick_guess() | {"moments": Moments(published.BRICK)}
     data = published.brick_data()
     message = r"moments\[0\], moments\[1\], moments\[2\] cannot be told apart\. .*ratios.*scale=\"fixed\""
-    with pytest.raises(ValueError, match=message):
-        ml.fit(published.free, whole, data, method=METHOD, dt=0.125)
     flagged = ml.fit(published.free, whole, data, method=METHOD, dt=0.125, require_rank=False)
     assert not flagged.ok
     assert flagged.rank == 5
     assert flagged.condition == np.inf
     assert flagged.confounded == [["moments[0]", "moments[1]", "moments[2]"]]
-    assert "moments[0], moments[1], moments[2] cannot be told apart" in str(flagged)
-    unknown = [name for name, (low, high) in zip(flagged.names, flagged.intervals, strict=True) if high - low == np.inf]
-    assert unknown == ["moments[0]", "moments[1]", "moments[2]"]
+    assert re.search(message, str(flagged))
     ratio, interval = flagged.derived(lambda v: v["moments"][:2] / v["moments"][2])
     np.testing.assert_allclose(ratio, published.BRICK[:2] / published.BRICK[2], rtol=1e-6)
     assert np.all(np.isfinite(interval))
-    _, interval = flagged.derived(lambda v: v["moments"][0])
-    assert np.all(np.isinf(interval))
+    assert np.all(np.isinf(flagged.derived(lambda v: v["moments"][0])[1]))
 
 
 @pytest.mark.sample(0)

@@ -61,22 +61,15 @@ def test_all_minima_are_those_that_scipy_finds():
         np.testing.assert_allclose(minimum.chi_squared, 2 * best.cost, rtol=1e-5)
     assert not np.any(np.diff([minimum.chi_squared for minimum in found.minima]) < 0)
     assert f"best of {len(found.minima)} minima" in str(found)
-    by_span = ml.fit(still, FIRST, waves(), **FREE, first_span=6.0, starts=16, ranges=search["ranges"])
-    np.testing.assert_allclose(by_span.coordinates[:2], found.coordinates[:2], rtol=1e-6)
-
-
-def two_nights(sigma, length, count):
-    """Between two nights one period more or less can be counted; one value of 40 is wrong."""
-    t = np.concatenate([np.linspace(start, start + length, count) for start in (0, 30)])
-    seen = np.sin(2 * t + 0.4) + sigma * np.random.default_rng(0).standard_normal(2 * count)
-    seen[::40] += 5
-    return fitting.Observed(t, seen, sigma, wave)
 
 
 @pytest.mark.sample(0)
 def test_a_wrong_minimum_that_looks_like_noise_is_doubted():
-    """Its rms is not too large for sigmas known to 10 %, and outliers hide that its residuals are correlated."""
-    seen, guess = two_nights(0.16, 4.0, 200), {**FIRST, "phase": fitting.Periodic(-0.02)}
+    """Between two nights one period more can be counted, and outliers hide that residuals are correlated."""
+    t = np.concatenate([np.linspace(start, start + 4.0, 200) for start in (0, 30)])
+    values = np.sin(2 * t + 0.4) + 0.16 * np.random.default_rng(0).standard_normal(400)
+    values[::40] += 5
+    seen, guess = fitting.Observed(t, values, 0.16, wave), {**FIRST, "phase": fitting.Periodic(-0.02)}
     wrong, right = (
         ml.fit(still, guess, seen, **FREE, starts=starts, ranges={"frequency": limits}, loss="cauchy")
         for starts, limits in ((8, (2.2, 2.22)), (32, (1.9, 2.22)))
@@ -88,21 +81,6 @@ def test_a_wrong_minimum_that_looks_like_noise_is_doubted():
     assert right.ok
     np.testing.assert_allclose(right.values["frequency"], 2, atol=0.003)
     assert not right.doubts
-
-
-@pytest.mark.sample(0)
-def test_minima_that_chance_may_exchange_are_named():
-    """Within five sigma, but no copies: the wave of negative height is one of half a period."""
-    guess = {**FIRST, "height": fitting.Free(0.9)}
-    search = {"starts": 64, "ranges": {"frequency": (1.6, 2.6), "phase": "all", "height": (-1.0, 1.0)}}
-    found = ml.fit(still, guess, two_nights(0.4, 2.0, 100), **FREE, **search, loss="cauchy")
-    losses = np.array([minimum.chi_squared for minimum in found.minima])
-    sigmas = np.sqrt((losses - losses[0]) / found.rms**2)
-    near = [f"minima[{k}] ({sigmas[k]:.2g})" for k in np.flatnonzero((sigmas > 0.1) & (sigmas < 5))]
-    assert np.sum(sigmas < 0.1) == 2
-    assert len(near) > 1
-    (doubt,) = found.doubts
-    assert doubt.endswith(f"less than 5 sigma worse: {', '.join(near[:5])}")
 
 
 @pytest.mark.sample(0)
@@ -133,15 +111,14 @@ def test_losses_have_their_inverse_and_derivative(loss):
     np.testing.assert_allclose(loss.residuals(loss.counted(r)), r, rtol=1e-9, atol=1e-12)
     slopes = jax.vmap(jax.grad(lambda x: loss.counted(x) ** 2))(r)
     np.testing.assert_allclose(slopes, 2 * loss.weight(r) * r, rtol=1e-9, atol=1e-12)
-    normal = jnp.asarray(np.random.default_rng(0).standard_normal(100000))
+    normal = jnp.asarray(np.random.default_rng(0).standard_normal(100_000))
     assert jnp.mean(loss.judged(normal) ** 2) == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("loss", [None, "huber"])
 def test_zero_points_that_are_eliminated_are_those_of_a_joint_fit(loss):
-    """They have the same estimates, deviations and degrees of freedom as if they were unknowns of the search;
-    times are those at which the light left."""
+    """As if they were unknowns of the search; times are those at which the light left."""
     t = np.arange(0.0, 12.0, 0.25)
     seen = 2 * np.sin(t) + np.where(t < 5, 15.0, 17.0) + 0.02 * np.random.default_rng(3).standard_normal(len(t))
     seen[[7, 30]] += [0.3, -0.5]
@@ -165,8 +142,7 @@ def test_zero_points_that_are_eliminated_are_those_of_a_joint_fit(loss):
 
 
 @pytest.mark.sample(0)
-def test_the_closed_form_fits_as_the_steps_do():
-    """Also with times before the initial state, which steps do not reach."""
+def test_the_closed_form_fits_times_before_the_initial_state():
     t = np.arange(-5.0, 6.0)
     body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.5, 0.6, 2.0], ZERO)
     seen = ml.free_motion(body, start, t).states.attitude
@@ -177,8 +153,6 @@ def test_the_closed_form_fits_as_the_steps_do():
 
     found = ml.fit(free, guess, fitting.Attitudes(t, seen, 1e-3), method="free_motion")
     np.testing.assert_allclose(found.values["momentum"], start.momentum, rtol=1e-8)
-    by_steps = ml.fit(free, guess, fitting.Attitudes(t[5:], seen[5:], 1e-3), dt=0.1)
-    np.testing.assert_allclose(by_steps.values["momentum"], start.momentum, rtol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -192,17 +166,14 @@ def test_the_closed_form_fits_as_the_steps_do():
 )  # fmt: skip
 def test_starts_are_values_in_their_range(parameter, limits):
     found = parameter.draw("x", np.random.default_rng(0), 200, limits)
-    assert found.shape == (200, *parameter.initial.shape)
     anchored = Layout({"x": parameter}).placed({"x": jnp.asarray(found[0])}).guess["x"]
     np.testing.assert_allclose(anchored.value(anchored.vector()), found[0], rtol=1e-12, atol=1e-12)
-    assert np.all(np.isfinite([parameter.compared(x) for x in found]))
     if isinstance(parameter, fitting.Positive):
         assert 1 <= found.min() < 1.1 < 3.9 < found.max() <= 4
     elif isinstance(parameter, fitting.UnitVector):
         angles = np.arccos(found @ np.array(NORTH))
-        assert angles.max() < (np.pi if limits == "all" else 0.2)
         share = 0.5 if limits == "all" else 0.25  # of the area within half the angle
-        assert np.mean(angles < angles.max() / 2) == pytest.approx(share, abs=0.1)
+        assert np.mean(angles < (np.pi if limits == "all" else 0.2) / 2) == pytest.approx(share, abs=0.1)
     elif isinstance(parameter, fitting.UnitQuaternion):
         assert limits == "all" or np.all(2 * np.arccos(found[:, 0]) < 0.5)
     if found.shape[1:] in ((3,), (4,)) and not isinstance(parameter, fitting.Moments):
@@ -222,13 +193,10 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "message"), WRONG)
-def test_what_is_wrong_is_said(changes, message):
-    with pytest.raises(ValueError, match=message):
-        ml.fit(still, FIRST, waves(), **{"method": "free_motion", **changes})
-
-
-def test_mistakes_of_photometry_are_named():
+def test_what_is_wrong_is_said():
+    for changes, message in WRONG:
+        with pytest.raises(ValueError, match=message):
+            ml.fit(still, FIRST, waves(), **{"method": "free_motion", **changes})
     t = np.arange(4.0)
     given = {"sun": NORTH, "observer": NORTH}
     for changes, message in (

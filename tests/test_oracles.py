@@ -24,12 +24,8 @@ def gap(motion, reference, scale):
 
 
 NEARLY = 1 + 4 * np.finfo(float).eps
-OFF = (0.0, 1e-13, 1e-5)
-EQUAL = [(2.0, 2.0, 3.0), (3.0, 2.0, 2.0), (2.0, 3.0, 2.0), (2.0, 3.0, 3.0)]
-
-
-EQUAL += [*permutations((2.0, 2.0 * NEARLY, 3.0)), (2.0, 3.0, 3.0 / NEARLY)]
-SPHERES = [(2.0, 2.0, 2.0), (2.0, 2.0 * NEARLY, 2.0), (2.0 / NEARLY, 2.0, 2.0 * NEARLY)]
+EQUAL = [(2.0, 2.0, 3.0), (3.0, 2.0, 2.0), (2.0, 3.0, 2.0), (2.0, 3.0, 3.0), (2.0, 3.0, 3.0 / NEARLY)]
+EQUAL += [*permutations((2.0, 2.0 * NEARLY, 3.0)), (2.0, 2.0, 2.0), (2.0 / NEARLY, 2.0, 2.0 * NEARLY)]
 ACROSS = [(2.0, 2.0, 3.0), (2.0, 2.0 * NEARLY, 3.0), (2.0, 2.0 + 1e-9, 3.0)]
 
 
@@ -52,19 +48,14 @@ def near_an_axis(moments, axis, off):
     return moments, momentum, 4.0
 
 
-MOMENTUM = (0.7, -1.1, 0.4)
 FREE = {
     "any body": [random_body(seed) for seed in range(5)],
-    "two equal moments": [(moments, MOMENTUM, 5.0, (0.5, -0.5, 0.1, 0.7)) for moments in EQUAL],
-    "a sphere": [(moments, MOMENTUM, 5.0) for moments in SPHERES],
+    "equal moments": [(moments, (0.7, -1.1, 0.4), 5.0, (0.5, -0.5, 0.1, 0.7)) for moments in EQUAL],
     "spin across the axis of symmetry": [(moments, (0.7, -1.1, z), 5.0) for moments in ACROSS for z in (0.0, 1e-12)],
-    "principal axes": [
-        near_an_axis(m, k, off) for m in ((1.0, 2.0, 3.5), (3.5, 1.0, 2.0)) for k in range(3) for off in OFF
-    ],
+    "principal axes": [near_an_axis((1.0, 2.0, 3.5), k, off) for k in range(3) for off in (0.0, 1e-13, 1e-5)],
     "the separatrix": [
         on_the_separatrix(order, signs, off)
-        for order in ((1, 2, 3), (3, 1, 2))
-        for signs in ((1, 1), (-1, 1), (1, -1))
+        for order, signs in (((1, 2, 3), (1, 1)), ((3, 1, 2), (-1, 1)), ((3, 1, 2), (1, -1)))
         for off in (0.0, 1e-6, -1e-10, 1e-14)
     ],
     "a ratio of a million": [(m, np.sqrt(m) * (0.3, 1.0, -0.8), 3.0) for m in ((1.0, 1e3, 1e6), (1e6, 1.0, 1e3))],
@@ -113,10 +104,9 @@ def test_tops_published(moments, start, tilt, time, weight, momentum, axis):
     np.testing.assert_allclose(matrix(attitudes[0])[:, 2], axis, atol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_heavy_body_keeps_its_laws_and_motions_compose(seed):
+def test_a_heavy_body_keeps_its_laws_and_motions_compose():
     """Any moments and any axis; the second motion goes back in time."""
-    rng = np.random.default_rng(200 + seed)
+    rng = np.random.default_rng(200)
     moments, start, axis, weight = np.exp(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=3), rng.normal() * 3
     attitude = rng.normal(size=4)
     attitude /= np.linalg.norm(attitude)
@@ -136,16 +126,3 @@ def test_a_heavy_body_keeps_its_laws_and_motions_compose(seed):
     force = {"weight": weight * units / short, "axis": axis}
     found = exact_motion(small * moments, units * start, attitude, [4.0 * short], **force)
     assert gap((found[0] / units, found[1]), (momenta[:1], attitudes[:1]), 1.0) < 1e-14
-
-
-def test_tops_whose_motion_has_a_formula():
-    """One that sleeps, though unstable; and a pendulum."""
-    momenta, attitudes = exact_motion(PIVOT, (0, 0, 2.0), ONE, [20.0], weight=20.0)
-    assert np.all(momenta == (0, 0, 2))
-    np.testing.assert_allclose(attitudes[0], (np.cos(20.0), 0, 0, np.sin(20.0)), atol=1e-15)
-    # On its separatrix, exactly: level at the start, Pi^2 / (2 I1) = weight. Then tan(theta/4) falls exponentially.
-    for push in (20.0, -20.0):
-        times = [0.5, 1.0, 2.0]
-        _, attitudes = exact_motion((5.0, 5.0, 1.0), (push, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), times, weight=40.0)
-        fall = np.tan(np.pi / 8) * np.exp(np.sqrt(40 / 5) * np.array(times) * np.sign(push))
-        np.testing.assert_allclose([matrix(q)[2, 2] for q in attitudes], np.cos(4 * np.arctan(fall)), atol=1e-13)

@@ -1,7 +1,4 @@
-"""Plain words: counts of constructions that are hard to read, in the prose of the package and of the pages.
-
-The allowed counts may only fall: where a count is lower than its number, lower the number.
-"""
+"""Counts of constructions that are hard to read, in package and pages; the allowed counts may only fall."""
 
 import ast
 import re
@@ -23,25 +20,16 @@ PATTERNS = {  # and the counts allowed in the package, and in docs and README
 }
 
 
-def strings(node):
-    """The string constants below a node, without the format specifications of f-strings."""
-    if isinstance(node, ast.Constant):
-        if isinstance(node.value, str):
-            yield node
-    elif isinstance(node, ast.FormattedValue):
-        yield from strings(node.value)
-    else:
-        for child in ast.iter_child_nodes(node):
-            yield from strings(child)
-
-
 def of_module(source):
-    """Docstrings, other strings and comments of a module, with single spaces."""
-    lines, texts = source.split("\n"), []
-    for node in strings(ast.parse(source)):
-        texts.append(node.value)
-        if node.end_lineno > node.lineno:
-            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    """Docstrings, other strings and comments of a module, without format specifications and with single spaces."""
+    lines, texts, tree = source.split("\n"), [], ast.parse(source)
+    specifications = [node.format_spec for node in ast.walk(tree) if isinstance(node, ast.FormattedValue)]
+    left_out = {id(part) for each in specifications if each for part in ast.walk(each)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in left_out:
+            texts.append(node.value)
+            if node.end_lineno > node.lineno:
+                lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
     for line in lines:
         comment = re.search(r"(?:^\s*|  )# (.*)", line)
         texts.append(comment[1] if comment else "\n")

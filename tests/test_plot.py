@@ -3,27 +3,26 @@
 import contextlib
 import inspect
 from types import SimpleNamespace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import quick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pictured import GRAVITY, UPRIGHT, apart, brick, spun, thrown, turning
+from pictured import GRAVITY, MASS, UPRIGHT, apart, brick, thrown
 
 import midlie_jax as ml
 from midlie_jax.plot import style
-from midlie_jax.plot.artists import HalfCurve, along_arcs
-from midlie_jax.plot.conservation import add_up_to_zero, balanced, kept_by
-from midlie_jax.plot.curves import polhodes
+from midlie_jax.plot.artists import HalfCurve
+from midlie_jax.plot.conservation import balanced
 from midlie_jax.plot.motion import motion_of
-from midlie_jax.plot.style import FEW, colours_of
+from midlie_jax.plot.style import FEW
 
 MOMENTS = np.array([1.0, 2.0, 2.5])
 BRICK, TOP, WEIGHT = ml.RigidBody(MOMENTS), ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-ROTOR, MASS = ml.SymmetricRotor(5.0, 1.0), 4.0
+ROTOR = ml.SymmetricRotor(5.0, 1.0)
 
 
 def axes_of(**options):
@@ -46,15 +45,7 @@ def solid():
 def free():
     """A body under no torque that turns over."""
     start = ml.RigidState([0.02, 2.0, 0.01], UPRIGHT)
-    return ml.free_motion(BRICK, start, jnp.linspace(0.0, 30.0, 601))
-
-
-@pytest.fixture(scope="module")
-def precessing():
-    """A top in gravity, in float32."""
-    numbers = [jnp.asarray(x, jnp.float32) for x in ([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))]
-    top, gravity = jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, WEIGHT))
-    return ml.integrate("SYMMETRIC[EA]", top, gravity, ml.RigidState(*numbers), dt=0.01, steps=400, save_every=2)
+    return quick(lambda start: ml.free_motion(BRICK, start, jnp.linspace(0.0, 30.0, 601)))(start)
 
 
 def failing(path, first_bad):
@@ -89,16 +80,6 @@ def test_an_axis_path_lies_on_the_sphere_and_is_that_of_the_attitudes(solid, fla
     assert flat.lines[0].get_xydata()[[0, -1]] == pytest.approx(tips[[0, -1], :2])
 
 
-def test_arcs_between_far_points_stay_on_the_sphere():
-    points = np.random.default_rng(0).normal(size=(6, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    arcs = along_arcs(np.concatenate([points, points[-1:], -points[-1:]]))
-    np.testing.assert_allclose(np.linalg.norm(arcs, axis=1), 1, atol=1e-12)
-    steps = np.linalg.norm(np.diff(arcs, axis=0), axis=1)
-    assert np.max(np.sort(steps)[:-1]) < np.radians(2.01)  # but for the jump to the opposite point, which has no arc
-    assert all(np.min(np.linalg.norm(arcs - point, axis=1)) < 1e-12 for point in points)
-
-
 @pytest.mark.parametrize(("kind", "turned"), [("momentum", True), ("velocity", False)])
 def test_a_polhode_lies_on_the_ellipsoid_of_its_energy(solid, free, kind, turned):
     """Also of a body in a frame of one's own, whose momenta are turned into its principal frame."""
@@ -109,12 +90,10 @@ def test_a_polhode_lies_on_the_ellipsoid_of_its_energy(solid, free, kind, turned
         body = ml.TensorBody(matrix @ jnp.diag(MOMENTS) @ matrix.T)
         path = path._replace(states=ml.MomentumState(ml.so3.rotate(turn[None], path.states.momentum)))
     points = ml.plot.polhode(solid, body, path, kind=kind)
-    squares = points**2 / MOMENTS if kind == "momentum" else points**2 * MOMENTS
-    twice = np.sum(np.asarray(free.states.momentum[0]) ** 2 / MOMENTS)
-    np.testing.assert_allclose(np.sum(squares, axis=1), twice, rtol=1e-12)
-    drawn = points_of(solid)
     weights = 1 / MOMENTS if kind == "momentum" else MOMENTS
-    np.testing.assert_allclose(drawn**2 @ weights, twice, rtol=1e-12)
+    twice = np.sum(np.asarray(free.states.momentum[0]) ** 2 / MOMENTS)
+    for drawn in (points, points_of(solid)):
+        np.testing.assert_allclose(drawn**2 @ weights, twice, rtol=1e-12)
     known = ml.observe.angular_velocity(BRICK, free.states) if kind == "velocity" else free.states.momentum
     np.testing.assert_allclose(np.abs(points), np.abs(known), atol=1e-10)  # an axis of a tensor may point either way
     faster = path._replace(states=ml.MomentumState(2 * path.states.momentum))
@@ -122,20 +101,12 @@ def test_a_polhode_lies_on_the_ellipsoid_of_its_energy(solid, free, kind, turned
         ml.plot.polhode(solid, body, faster)
 
 
-@pytest.mark.parametrize("moments", [[1.0, 2.0, 2.5], [2.5, 1.0, 2.0], [5.0, 5.0, 1.0], [1.0, 1.5, 1.5], [2.0] * 3])
-def test_the_other_polhodes_have_one_energy_and_one_momentum_each(moments):
-    moments = np.array(moments)
-    found = polhodes(moments)
-    assert len(found) == {3: 14, 2: 6, 1: 0}[len(set(moments))]
-    for u, bold in found:
-        np.testing.assert_allclose(np.sum(u**2, axis=1), 1, atol=1e-12)
-        squares = u**2 @ moments
-        np.testing.assert_allclose(squares, squares[0], rtol=1e-12)
-        assert bold == (abs(squares[0] - np.median(moments)) < 1e-12)
-
-
-def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat, precessing):
-    found = ml.plot.conserved(flat, *jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, WEIGHT)), precessing)
+def test_errors_of_energy_and_momentum_are_drawn_as_they_are(flat):
+    """A top in gravity, in float32."""
+    start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+    top, gravity, start = jax.tree.map(lambda x: x.astype(jnp.float32), (TOP, WEIGHT, start))
+    precessing = ml.integrate("SYMMETRIC[EA]", top, gravity, start, dt=0.01, steps=400, save_every=2)
+    found = ml.plot.conserved(flat, top, gravity, precessing)
     states = jax.tree.map(lambda x: x.astype(jnp.float64), precessing.states)
     energy = np.asarray(ml.observe.energy(TOP, WEIGHT, states))
     vertical = np.asarray(ml.observe.spatial_momentum(states))[:, 2]
@@ -162,10 +133,9 @@ def test_what_is_not_conserved_is_said_and_not_drawn(flat, free):
     assert np.max(np.abs(found.momentum)) < 1e-12
 
 
-@pytest.mark.parametrize("direction", [1, -1, 0])
+@pytest.mark.parametrize("direction", [1, 0])
 def test_crossings_are_where_the_closed_form_says(flat, direction):
-    """A symmetric body under no torque: Pi_1 = a cos(r t), Pi_2 = -a sin(r t) with r = Pi_3 (1/I3 - 1/I1). The jump of
-    an angle is no crossing."""
+    """A symmetric body: Pi_1 = a cos(r t), Pi_2 = -a sin(r t). The jump of an angle is no crossing."""
     a, spin, rate = 0.5, 3.0, 3.0 * (1 / 1.0 - 1 / 2.0)
     body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.MomentumState([a, 0.0, spin])
     path = ml.free_motion(body, start, jnp.linspace(0.01, 30.0, 901))
@@ -196,37 +166,31 @@ def _second(t, state):
     return state.momentum[1]
 
 
-def draw_all(path, label=""):
-    """Every picture of a path, on axes of its own."""
-    solid, flat, ellipsoid, errors, section = (
-        axes_of(**o) for o in ({"projection": "3d"}, {}, {"projection": "3d"}, {}, {})
-    )
-    ml.plot.axis_path(solid, path)
-    ml.plot.axis_path(flat, path)
-    ml.plot.polhode(ellipsoid, BRICK, path)
-    ml.plot.conserved(errors, BRICK, None, path)
-    ml.plot.poincare(section, path, _second, _first, _first)
-    return solid, flat, ellipsoid, errors, section
-
-
 def test_a_failed_run_is_drawn_up_to_there_and_says_so(free):
     """To the last bit as the part before. Repeated times, as at the end of `integrate_variable_step`, count once."""
     index = jnp.array([0, 1, 2, 3, 4, 4, 4])
-    part = jax.tree.map(lambda x: x[index], (free.times, free.states))
-    path = ml.Path(*part, jnp.asarray(True), jnp.asarray(7))
+    path = ml.Path(*jax.tree.map(lambda x: x[index], (free.times, free.states)), jnp.asarray(True), jnp.asarray(7))
     assert (len(motion_of(path).times), motion_of(path).failed) == (5, "")
     assert motion_of(path._replace(ok=jnp.asarray(False), first_bad=jnp.asarray(5))).failed == "FAILED after t = 0.2"
     part = jax.tree.map(lambda x: x[:200], (free.times, free.states))
-    whole = ml.Path(*part, jnp.asarray(True), jnp.asarray(200))
-    for axes, expected in zip(draw_all(failing(free, 200)), draw_all(whole), strict=True):
-        said = [text.get_text() for text in texts(axes)]
-        assert any("FAILED after t = 9.95" in text for text in said), said
-        for one, other in zip(axes.lines, expected.lines, strict=True):
-            np.testing.assert_array_equal(one.get_xydata(), other.get_xydata())
+    axes, expected = axes_of(), axes_of()
+    ml.plot.conserved(axes, BRICK, None, failing(free, 200))
+    ml.plot.conserved(expected, BRICK, None, ml.Path(*part, jnp.asarray(True), jnp.asarray(200)))
+    assert any("FAILED after t = 9.95" in text.get_text() for text in texts(axes))
+    for one, other in zip(axes.lines, expected.lines, strict=True):
+        np.testing.assert_array_equal(one.get_xydata(), other.get_xydata())
 
 
 def batch_of(path):
     return jax.tree.map(lambda x: jnp.stack([x, x]), path._replace(times=path.times))
+
+
+BAND_TIMES = np.linspace(0.0, 4.0, 30)
+VALUES = np.random.default_rng(0).normal(size=(200, 1)) * np.sin(BAND_TIMES) + 0.01 * np.arange(200)[:, None]
+
+
+def as_axis(path):
+    return path._replace(states=ml.AxisState.of(path.states))
 
 
 SPINS = ml.MomentumState(jnp.ones((601, 3)))
@@ -254,20 +218,25 @@ WRONG = [
     (lambda axes, p: bare.conserved(axes, ml.Particles(1.0), None, p), "belongs to a RigidBody"),
     (lambda axes, p: bare.polhode(axes, *apart(2)), r"path._replace\(states=path.states.of_body\(i"),
     (lambda axes, p: bare.axis_path(axes, apart(FEW + 1)[1]), "path must hold at most 6 bodies, got 7"),
+    (lambda axes, p: ml.plot.bands(axes, BAND_TIMES, VALUES.T), r"values \(bodies, n\), got \(30,\) and \(30, 200\)"),
+    (lambda axes, p: ml.plot.bands(axes, BAND_TIMES, "values"), "must be arrays of numbers, got an array .* and str"),
+    (lambda axes, p: ml.plot.bands(axes, BAND_TIMES[::-1], VALUES), "times must ascend and be finite. Sort"),
+    (lambda axes, p: ml.plot.bands(axes, BAND_TIMES, VALUES * np.nan), "finite row, got none in 200 rows.*first_bad"),
+    (lambda axes, p: ml.plot.bands(axes, BAND_TIMES, VALUES, levels=(50.0, 90.0)), "levels must be fractions .*90.0"),
+    (lambda axes, p: bare.axis_path(axes, as_axis(p), "e1"), 'axis must be "e3" for a AxisState'),
+    (lambda axes, p: ml.plot.view(brick(), p), "a RigidState belongs to a"),
+    (lambda axes, p: ml.plot.view(BRICK, thrown()), "a FreeState belongs to a"),
 ]
 
 
-@pytest.mark.parametrize(("draw", "message"), WRONG)
-def test_bad_input_is_named(solid, free, draw, message):
-    with pytest.raises(ValueError, match=message):
-        draw(solid, free)
+def test_bad_input_is_named(solid, free):
+    for draw, message in WRONG:
+        with pytest.raises(ValueError, match=message):
+            draw(solid, free)
     assert not solid.lines
 
 
 # ---- ensembles ----
-
-BAND_TIMES = np.linspace(0.0, 4.0, 30)
-VALUES = np.random.default_rng(0).normal(size=(200, 1)) * np.sin(BAND_TIMES) + 0.01 * np.arange(200)[:, None]
 
 
 def test_bands_are_quantiles(flat):
@@ -279,35 +248,12 @@ def test_bands_are_quantiles(flat):
         low, high = np.quantile(VALUES, [(1 - level) / 2, (1 + level) / 2], axis=0)
         np.testing.assert_allclose(found.edges[level], [low, high])
         corners = drawn.get_paths()[0].vertices
-        assert corners[:, 1].min() == pytest.approx(low.min())
-        assert corners[:, 1].max() == pytest.approx(high.max())
-        inside = np.mean((low <= VALUES) & (high >= VALUES))
-        assert inside == pytest.approx(level, abs=0.01)
-    # Failed bodies are left out, to the last bit as if they had not been there, and counted.
-    broken = np.concatenate([VALUES[:50], np.full((3, 30), 1e9), VALUES[50:]])
-    broken[50, 7], broken[51, 29], broken[52, 0] = np.nan, np.inf, -np.inf
+        assert (corners[:, 1].min(), corners[:, 1].max()) == pytest.approx((low.min(), high.max()))
+    # Failed bodies are left out and counted.
+    broken = np.concatenate([VALUES[:50], np.full((3, 30), np.nan), VALUES[50:]])
     failing = ml.plot.bands(flat, BAND_TIMES, broken, label="tops")
-    assert (failing.bodies, failing.failed) == (200, 3)
     np.testing.assert_array_equal(failing.median, found.median)
-    np.testing.assert_array_equal(failing.edges[0.9], found.edges[0.9])
     assert "tops, 200 bodies, 3 failed and left out" in legend(flat)
-
-
-NO_BANDS = [
-    ((BAND_TIMES, VALUES.T), {}, r"times must be \(n,\) and values \(bodies, n\), got \(30,\) and \(30, 200\)"),
-    ((BAND_TIMES, "values"), {}, "must be arrays of numbers, got an array of shape .* and str"),
-    ((BAND_TIMES[::-1], VALUES), {}, "times must ascend and be finite. Sort"),
-    ((BAND_TIMES, VALUES * np.nan), {}, "finite row, got none in 200 rows.*first_bad"),
-    ((BAND_TIMES, VALUES), {"levels": (50.0, 90.0)}, r"levels must be fractions .*got \(50.0, 90.0\)"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "options", "message"), NO_BANDS)
-def test_values_without_bands_are_named(flat, arguments, options, message):
-    with pytest.raises(ValueError, match=message):
-        ml.plot.bands(flat, *arguments, **options)
-    assert not flat.lines
-    assert not flat.collections
 
 
 # ---- every kind of state ----
@@ -329,15 +275,14 @@ def cases():
         "AxisState": (ROTOR, WEIGHT, top._replace(states=ml.AxisState.of(top.states))),
         "FreeState": (flying, GRAVITY, thrown),
         "FreeAxisState": (
-            *(ml.FreeBody(ROTOR, MASS), GRAVITY),
+            ml.FreeBody(ROTOR, MASS),
+            GRAVITY,
             thrown._replace(states=ml.FreeAxisState.of(thrown.states)),
         ),
     }
 
 
 KINDS = ("RigidState", "DirectionState", "MomentumState", "AxisState", "FreeState", "FreeAxisState")
-
-
 DRAW = {
     "animate": lambda body, torque, path, out: ml.plot.animate(body, path, out / "a.gif", frames=3, size=120),
     "view": lambda body, torque, path, out: ml.plot.view(body, path, frames=3),
@@ -350,13 +295,7 @@ DRAW = {
 NO_ATTITUDE = dict.fromkeys(("DirectionState", "MomentumState"), "needs the attitude")
 NO_PLACE = {kind: f"must hold positions, got {kind}s" for kind in KINDS if not kind.startswith("Free")}
 NOT_IN_BODY = dict.fromkeys(("AxisState", "FreeAxisState"), "must hold momenta in the body frame")
-REFUSED = {
-    "animate": NO_ATTITUDE,
-    "view": NO_ATTITUDE,
-    "axis_path": NO_ATTITUDE,
-    "track": NO_PLACE,
-    "polhode": NOT_IN_BODY,
-}
+REFUSED = dict.fromkeys(("animate", "view", "axis_path"), NO_ATTITUDE) | {"track": NO_PLACE, "polhode": NOT_IN_BODY}
 
 
 @pytest.mark.sample(6)
@@ -369,80 +308,17 @@ def test_every_function_draws_every_kind_of_state_or_says_what_is_missing(cases,
     assert bool(list(tmp_path.iterdir())) == (name == "animate" and not refusal)
 
 
-def test_a_body_of_another_kind_and_an_axis_that_a_state_does_not_know_are_refused(cases):
-    for kind, body in (("FreeState", TOP), ("AxisState", TOP), ("RigidState", brick()), ("FreeAxisState", brick())):
-        with pytest.raises(ValueError, match=f"a {kind} belongs to a"):
-            ml.plot.view(body, cases[kind][2])
-    for kind, axis in (("AxisState", "e1"), ("FreeAxisState", [0.6, 0.0, 0.8])):
-        body, _, path = cases[kind]
-        with pytest.raises(ValueError, match=f'axis must be "e3" for a {kind}'):
-            ml.plot.axis_path(axes_of(), path, axis)
-        with pytest.raises(ValueError, match=f'axis must be "e3" for a {kind}'):
-            ml.plot.view(body, path, axis=axis)
-
-
-def test_the_path_of_an_axis_is_that_of_the_same_motion_with_an_attitude(cases):
-    """Also the axis that moves, at saved times and between them."""
-    for kind, other, to_axis in (
-        ("RigidState", "AxisState", ml.AxisState.of),
-        ("FreeState", "FreeAxisState", ml.FreeAxisState.of),
-    ):
-        (body, torque, path), (rotor, _, _) = cases[kind], cases[other]
-        alone = path._replace(states=to_axis(path.states))
-        known = ml.plot.axis_path(axes_of(), path)
-        np.testing.assert_allclose(ml.plot.axis_path(axes_of(), alone), known, atol=1e-14)
-        np.testing.assert_allclose(ml.plot.axis_path(axes_of(), alone, [0, 0, -1.0]), -known, atol=1e-14)
-        one, two = turning(body, path, 2, 41, most=100), turning(rotor, alone, 2, 41, most=100)
-        np.testing.assert_allclose(two.tips, one.tips, atol=1e-13)
-        np.testing.assert_allclose(two.momenta, one.momenta, atol=1e-13)
-        assert np.max(ml.plot.conserved(axes_of(), rotor, torque, alone).momentum) < 1e-13
-        between = turning(rotor, alone, 2, 78, most=100)
-        np.testing.assert_allclose(np.linalg.norm(between.tips, axis=1), 1, atol=1e-12)
-
-
-def test_a_track_is_the_positions_on_one_scale_in_the_plane_where_it_is_longest():
-    path = thrown()
-    axes = axes_of()
-    positions = ml.plot.track(axes, path, label="a brick")
-    np.testing.assert_array_equal(positions, path.states.position)
-    np.testing.assert_array_equal(axes.lines[0].get_xydata(), positions[:, [0, 2]])
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x  [length]", "z  [length]")
-    side = path._replace(states=ml.FreeState.made(path.states.turning, path.states.linear, positions[:, [1, 0, 2]]))
-    ml.plot.track(axes, side)  # longest in yz, but drawn in the plane of the first
-    np.testing.assert_array_equal(axes.lines[2].get_xydata(), positions[:, [1, 2]])
-    solid = axes_of(projection="3d")
-    ml.plot.track(solid, path)
-    ml.plot.track(solid, side, label="aside")
-    limits = np.array([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()])
-    spans = np.ptp(limits, axis=1)
-    np.testing.assert_allclose(solid.get_box_aspect() / spans, (solid.get_box_aspect() / spans)[0])
-    both = np.concatenate([positions, positions[:, [1, 0, 2]]])
-    assert np.all((both > limits[:, 0]) & (both < limits[:, 1]))
-
-
-def test_tracks_and_axes_of_coupled_bodies():
-    _, path = apart(2)
-    flat, solid = axes_of(), axes_of(projection="3d")
-    np.testing.assert_array_equal(ml.plot.track(flat, path), path.states.position)
-    assert {line.get_color() for line in flat.lines} == set(colours_of(2))
-    tips = ml.plot.axis_path(solid, path, "e1")
-    np.testing.assert_allclose(tips[7, 1], spun(path, 1, 7)[:, 0], atol=1e-12)
-
-
 # ---- what is conserved ----
 
 MU = ml.torques.PointMass(1.0)
 FLAT = ml.torques.Oblateness(1.0, 0.5, 0.1, [0.6, 0.0, 0.8])
-OTHER = ml.torques.Oblateness(1.0, 0.5, 0.1, [0.0, 0.6, 0.8])
 UP = ml.torques.HeavyTop(0.5)
 FORCES = {
-    "none": (None, "total angular momentum", True),
     "gravity": (GRAVITY, "total momentum along gravity", False),
     "point mass": (MU, "total angular momentum", False),
     "oblate": (MU + FLAT, "total momentum along the pole", False),
     "torque alone": (UP, "vertical total momentum", True),
     "dipole": (ml.torques.DipoleInField([0.1, 0.0, 0.3], [1.0, 2.0, 0.0]), "total momentum along the field", True),
-    "gravity and torque": (GRAVITY + UP, "total momentum along gravity", False),
     "gravity and point mass": (GRAVITY + MU, "total momentum along gravity", False),
     "gravity across": (ml.torques.UniformGravity([1.0, 0.0, 0.0]) + UP, None, False),
     "thrust": (ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), ValueError, False),
@@ -471,41 +347,24 @@ def test_what_is_said_to_be_conserved_is_conserved(torque, momentum, linear):
     assert names == {"energy"} | ({momentum} if momentum else set()) | ({"linear momentum"} if linear else set())
 
 
-def test_a_sum_of_forces_keeps_what_each_of_them_keeps():
-    for torque in (MU + FLAT + OTHER, GRAVITY + FLAT, MU + ml.spacecraft.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0])):
-        assert kept_by(torque) is None
-        assert kept_by(torque + torque) is None
-    assert kept_by(MU + MU) == kept_by(None)
-    both: Any = kept_by(FLAT + MU + FLAT)
-    assert both.which == "component along the pole"
-    assert kept_by(ml.asteroids.MutualGravity(1.0)) == kept_by(None)
-
-
-def test_the_sums_of_the_momenta_are_conserved():
+def test_the_sums_of_the_momenta_of_coupled_bodies_are_conserved():
     body, path = apart(2)
-    times = np.asarray(path.times)
-    assert add_up_to_zero(np.array([[[1.0, 2.0, 3.0], [-1.0, -2.0, -3.0]]]))
-    assert not add_up_to_zero(np.array([[[1.0, 2.0, 3.0], [-1.0, -2.0, -3.1]]]))
-    found = ml.plot.conserved(axes_of(), body, None, path)
-    assert max(float(np.abs(each).max()) for each in found[1:] if each is not None) < 1e-14
     pull = ml.torques.FromPotential(lambda t, s: 3 * jnp.sum((s.position[0] - s.position[1]) ** 2))
-    assert balanced(body, pull, times, path.states)
-    assert not balanced(body, pull + ml.torques.OnEach(GRAVITY), times, path.states)
-    # The bodies do not follow the pull, but all that counts is kept.
-    pulled = ml.plot.conserved(axes_of(), body, pull, path)
-    assert pulled.momentum is not None
-    assert pulled.linear is not None
-    assert float(np.abs(pulled.linear).max()) < 1e-14
+    assert balanced(body, pull, np.asarray(path.times), path.states)
+    assert not balanced(body, pull + ml.torques.OnEach(GRAVITY), np.asarray(path.times), path.states)
+    # The bodies do not follow the pull, but both sums are conserved.
+    for torque in (None, pull):
+        found = ml.plot.conserved(axes_of(), body, torque, path)
+        assert max(float(np.abs(each).max()) for each in (found.momentum, found.linear)) < 1e-14
 
 
-@pytest.mark.sample(0)
-def test_a_section_of_coupled_bodies():
-    _, path = apart(2)
-    found = ml.plot.poincare(
-        axes_of(), path,
-        lambda t, s: s.position[0, 0] + 0.35, lambda t, s: s.position[1, 1], lambda t, s: s.momentum[1, 2],
-        direction=0,
-    )  # fmt: skip
-    when = -0.35 / float(path.states.linear[0, 0, 0])
-    np.testing.assert_allclose(found.times, [when], rtol=1e-12)
-    np.testing.assert_allclose(found.states.attitude[0, 1, 3], np.sin(when / 2), atol=1e-5)
+def test_tracks_and_axes_are_where_the_bodies_are():
+    """In the plane where the first track is longest."""
+    path, flat = thrown(), axes_of()
+    np.testing.assert_array_equal(ml.plot.track(flat, path, label="a brick"), path.states.position)
+    np.testing.assert_array_equal(flat.lines[0].get_xydata(), np.asarray(path.states.position)[:, [0, 2]])
+    assert (flat.get_xlabel(), flat.get_ylabel()) == ("x  [length]", "z  [length]")
+    _, coupled = apart(2)
+    np.testing.assert_array_equal(ml.plot.track(axes_of(), coupled), coupled.states.position)
+    tips = ml.plot.axis_path(axes_of(projection="3d"), coupled, "e1")
+    np.testing.assert_allclose(tips, ml.so3.to_matrix(coupled.states.attitude)[..., 0], atol=1e-12)

@@ -1,6 +1,5 @@
 """Cases of spacecraft and free bodies that others publish, each with its source."""
 
-from itertools import permutations
 from typing import Any
 
 import jax
@@ -28,10 +27,9 @@ def test_the_moments_of_echostar_ii_from_its_parts():
     np.testing.assert_allclose(centre, 0, atol=1e-15)
 
 
-@pytest.mark.parametrize("order", [*permutations(range(3))])
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [1, 0, 2]])
 def test_a_free_body_of_orekit(order):
     """`TorqueFreeTest`: the spatial momentum stays, and the body momentum has a period of 686.15256 s."""
-    order = list(order)
     body = ml.RigidBody(np.array([3 / 8, 1 / 2, 5 / 8])[order])
     start = ml.RigidState.from_velocity(body, np.array([0.05, 0.0, 0.04])[order], LEVEL)
     states = ml.free_motion(body, start, jnp.linspace(-40.0, 40.0, 81)).states
@@ -56,26 +54,6 @@ def test_nearly_degenerate_free_bodies_of_principia():
     for momentum in ([1e-300, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]):
         path = ml.free_motion(ml.RigidBody([2.0, 3.0, 5.0]), ml.RigidState(momentum, LEVEL), jnp.array([3.0]))
         assert bool(jnp.all(path.ok))
-
-
-def test_the_separatrix():
-    """A. Jadczyk's notes: the body stands on the separatrix between both rotations."""
-    body, start = ml.RigidBody([1.0, 2.0, 3.0]), ml.RigidState([0.5, 0.0, np.sqrt(3) / 2], LEVEL)
-    found = ml.free_motion(body, start, jnp.array([10.0, 20.0])).states.momentum
-    right = [[0.0555843, 0.9938016, 0.0962747], [0.0031088, 0.9999807, 0.0053846]]
-    np.testing.assert_allclose(found, right, atol=6e-8)
-
-
-def test_toutatis_over_23_days():
-    """Takahashi, Busch and Scheeres (2013), as in Principia: rates in degrees per day and Euler angles ZXZ."""
-    body = ml.RigidBody([3.0836, 3.235, 1.0])
-    attitude = ml.so3.from_euler(DEGREE * jnp.array([147.5, 63.9, 241.5]), "ZXZ")
-    start = ml.RigidState.from_velocity(body, DEGREE * np.array([14.5, 33.7, -98.5]), attitude)
-    end = ml.free_motion(body, start, jnp.array([23.159872685])).states
-    rates = np.asarray(ml.observe.angular_velocity(body, end))[0] / DEGREE
-    np.testing.assert_allclose(rates, [-38.5472, 1.4563, -97.1380], atol=6e-5)
-    angles = np.asarray(ml.so3.to_euler(end.attitude, "ZXZ"))[0] / DEGREE % 360
-    np.testing.assert_allclose(angles, [115.5176, 81.9609, 110.6934], atol=6e-5)
 
 
 def test_the_box_of_the_boxes_benchmark():
@@ -117,10 +95,7 @@ def test_sunlight_on_a_plate_of_orts():
     ],
 )
 def test_hyperion_in_the_plane_of_its_orbit(rate, angles, rates):
-    """C. Hill, scipython.com, problem 8.2.7: eccentricity 0.1, (B - A)/C = 0.265, from periapsis.
-
-    Its unit of rates is the momentum of the orbit over a^2.
-    """
+    """C. Hill, scipython.com, problem 8.2.7; its unit of rates is the momentum of the orbit over a^2."""
     unit = np.sqrt(1 - 0.1**2)
     orbit = ml.orbits.KeplerOrbit([0.9, 0.0, 0.0], [0.0, np.sqrt(1.1 / 0.9), 0.0], 1.0)
     body = ml.RigidBody([0.6, 0.865, 1.0])

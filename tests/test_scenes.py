@@ -14,7 +14,7 @@ from laboratory.free_body import free_body
 import midlie_jax as ml
 from midlie_jax.cli import convergence, scenes
 from midlie_jax.cli.oracle import exact_motion
-from midlie_jax.cli.scene_forces import WATER, Blades
+from midlie_jax.cli.scene_forces import Blades
 from midlie_jax.model.torques import on_body
 from midlie_jax.simulation.saved import saved_path
 
@@ -76,10 +76,7 @@ RATES_OF_RUN_10A = (-1.97989570839746e-5, -0.001080027400090759, -0.000709867017
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "pick"), [("gravity-gradient", None), ("satellite", 0)])
 def test_published_rates_of_the_satellite(name, pick):
-    """On a known orbit, and with the orbit integrated as well, without oblateness; as far as NASA agrees with others.
-
-    The body is so small that it does not change the orbit.
-    """
+    """On a known orbit, and with the orbit integrated, without oblateness; as far as NASA agrees with others."""
     body, end = end_of(name, 288, pick=pick)
     assert worst(body.turning.velocity(end.momentum), RATES_OF_RUN_10A) < 2.3e-13
 
@@ -141,21 +138,9 @@ def test_known_ends_of_coupled_bodies():
     _, end = end_of("binary-asteroid", 120, 7200.0, "JACOBI[SRKN6b]")
     way = end.position[1] - end.position[0]
     np.testing.assert_allclose(way, [610.415138187088, 1051.62642461140, -0.228068483136136], atol=1e-6)
-    attitude = [0.858263954806452, 0.0959138258149405, 0.00789540664457274, 0.504104338854018]
-    np.testing.assert_allclose(end.attitude[1], attitude, atol=1e-9)
     _, end = end_of("dimer", 2000, 1.0, "JACOBI[SRKN6b]")
     np.testing.assert_allclose(end.position[1], [0.26902629, -0.07283731, 0.05932941], atol=3e-8)
     np.testing.assert_allclose(end.attitude[1], [0.00491685, 0.90134910, 0.41820523, 0.11247224], atol=3e-7)
-
-
-def test_the_energy_and_the_moments_of_water():
-    scene = scenes.scene("dimer")
-    whole, kinetic = (f(*of) for f, of in (
-        (ml.observe.energy, (scene.body, scene.torque, scene.start)),
-        (ml.observe.kinetic_energy, (scene.body, scene.start)),
-    ))  # fmt: skip
-    assert float(whole - kinetic) == pytest.approx(-14.1713118855, rel=3e-9)  # its angle has ten digits
-    np.testing.assert_allclose(WATER.moments, [0.00596800338, 0.01940800337, 0.01343999999], rtol=1e-7)
 
 
 STEPS = (0.02, 0.01, 0.005, 0.0025)
@@ -200,6 +185,7 @@ def test_an_unknown_scene_names_all():
     assert all(name in str(error.value) for name in scenes.scenes())
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize("name", scenes.scenes())
 def test_a_scene_is_whole(name):
     dtype = "float32"
@@ -227,37 +213,24 @@ def test_the_dtype_follows_jax():
         scenes.scene("P1", jnp.int32)
 
 
-def test_the_principal_axes_give_the_tensor_back():
-    scene = scenes.scene("pulsed-body")
-    tensor = [[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]]
-    axes = np.asarray(scene.axes)
-    assert worst(axes @ np.diag(scene.body.moments) @ axes.T, tensor) < 1e-15 * 1.64e8 * 10
-    np.testing.assert_allclose(ml.so3.to_matrix(scene.start.attitude), axes, rtol=0, atol=1e-15)
-    assert worst(axes @ np.asarray(scene.torque(jnp.array(1500.0), scene.start)), [10.0, 0.0, 0.0]) < 1e-14
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_a_pulse_is_halved_at_its_switches_however_time_rounds(dtype):
     pulse = scenes.Pulse(jnp.ones(3, dtype), 1000.0, 2000.0)
-    for k in range(1, 40):
-        dt = jnp.asarray(200 / k, dtype)
-        n = jnp.array([5 * k - 1, 5 * k, 5 * k + 1, 10 * k - 1, 10 * k, 10 * k + 1], dtype)
-        found = jax.vmap(pulse)(n * dt)
-        assert found[:, 0].tolist() == [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
+    k = np.arange(1, 40)[:, None]
+    n = jnp.asarray(np.hstack([5 * k - 1, 5 * k, 5 * k + 1, 10 * k - 1, 10 * k, 10 * k + 1]), dtype)
+    found = jax.vmap(jax.vmap(pulse))(n * jnp.asarray(200 / k, dtype))
+    np.testing.assert_array_equal(found[..., 0], np.tile([0.0, 0.5, 1.0, 1.0, 0.5, 0.0], (39, 1)))
 
 
 def test_blades_are_the_mean_of_their_pieces():
     """Over a turn and along a blade, by quadrature; the integrands are polynomials and trigonometric polynomials."""
     scene, random = scenes.scene("boomerang"), np.random.default_rng(1)
-    blades = Blades(*map(jnp.asarray, (0.02, 0.3, 0.7, 3.0, 0.05)))
     a, lift, slope, drag = 0.3, 0.7, 3.0, 0.05
-    moments, mass = np.asarray(scene.body.body.moments), 0.1
     turn, velocity = random.standard_normal(3) * [5, 5, 90], random.standard_normal(3) * 10
-    attitude = random.standard_normal(4)
-    attitude /= np.linalg.norm(attitude)
+    attitude = np.array([0.5, -0.1, 0.7, -0.5])
     R = np.asarray(ml.so3.to_matrix(jnp.asarray(attitude)))
-    state = ml.FreeState(*map(jnp.asarray, (moments * turn, attitude, mass * velocity, np.zeros(3))))
-    found = blades.on(scene.body)(0.0, state)
+    state = ml.FreeState.from_velocity(scene.body, turn, attitude, velocity, np.zeros(3))
+    found = Blades(*map(jnp.asarray, (0.02, a, lift, slope, drag))).on(scene.body)(0.0, state)
     v, n = R.T @ velocity, np.array([0.0, 0.0, 1.0])
     nodes, weights = np.polynomial.legendre.leggauss(6)
     force, torque = np.zeros(3), np.zeros(3)
@@ -276,46 +249,35 @@ def test_blades_are_the_mean_of_their_pieces():
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(
-    ("name", "dtype"),
-    [*zip(("P1-tilted", "thrown-brick", "spherical-pendulum", "dimer"), 2 * ("float64", "float32"), strict=True)],
-)
+@pytest.mark.parametrize(("name", "dtype"), [("thrown-brick", "float32"), ("spherical-pendulum", "float64")])
 def test_perturbed_copies_are_of_the_kind_of_the_start_and_as_far_from_it_as_said(name, dtype):
-    scene, size, count = scenes.scene(name, dtype), 1e-3, 2000
-    start, eps = scene.start, float(jnp.finfo(dtype).eps)
-    copies = scenes.perturbed(scene, count, size, seed=3)
-    assert type(copies) is type(start)
+    """5997 normal numbers know their deviation to a hundredth; their mean is within four of its deviations of zero."""
+    scene, size = scenes.scene(name, dtype), 1e-3
+    start, eps, copies = scene.start, float(jnp.finfo(dtype).eps), scenes.perturbed(scene, 2000, size, seed=3)
     for many, one in zip(jax.tree.leaves(copies), jax.tree.leaves(start), strict=True):
-        assert (many.dtype, many.shape) == (one.dtype, (count, *one.shape))
+        assert (many.dtype, many.shape) == (one.dtype, (2000, *one.shape))
         assert jnp.array_equal(many[0], one)
+    assert not jnp.array_equal(scenes.perturbed(scene, 2000, size, seed=4).momentum, copies.momentum)
     if isinstance(start, ml.AxisState):
         assert worst(jnp.sum(copies.axis * copies.momentum, axis=-1), 0.0) < 8 * eps
         return
     assert worst(jnp.linalg.norm(copies.attitude, axis=-1), 1.0) < 4 * eps
-    turn = ml.so3.log(ml.so3.multiply(ml.so3.conjugate(start.attitude)[None], copies.attitude))
-    changes = [
-        ((copies.momentum - start.momentum[None]) / jnp.linalg.norm(start.momentum, axis=-1, keepdims=True)[None])
-    ]
-    changes.append(turn)
-    if name == "thrown-brick":
-        scale = float(jnp.linalg.norm(start.linear))
-        way = scale / float(scene.body.mass) / float(jnp.linalg.norm(scene.body.velocity(start.momentum)))
-        changes += [(copies.linear - start.linear[None]) / scale]
-        changes += [(copies.position - start.position[None]) / way]
-    for change in (np.asarray(x, float)[1:] for x in changes):
-        # 5997 normal numbers know their deviation to a hundredth; their mean is within four of its deviations of zero.
-        assert abs(change.std() / size - 1) < 0.04
-        assert abs(change.mean()) < 4 * size / np.sqrt(change.size)
-    fewer, other = (scenes.perturbed(scene, 10, size, seed=seed) for seed in (3, 4))
-    assert jnp.array_equal(fewer.momentum, copies.momentum[:10])
-    assert not jnp.array_equal(fewer.momentum, other.momentum)
+    scale = jnp.linalg.norm(start.linear)
+    way = scale / scene.body.mass / jnp.linalg.norm(scene.body.velocity(start.momentum))
+    for change in (
+        (copies.momentum - start.momentum[None]) / jnp.linalg.norm(start.momentum),
+        ml.so3.log(ml.so3.multiply(ml.so3.conjugate(start.attitude)[None], copies.attitude)),
+        (copies.linear - start.linear[None]) / scale,
+        (copies.position - start.position[None]) / way,
+    ):
+        assert np.std(np.asarray(change)[1:]) == pytest.approx(size, rel=0.04)
+        assert abs(np.mean(np.asarray(change)[1:])) < 4 * size / np.sqrt(change.size)
 
 
-@pytest.mark.parametrize(("count", "size"), [(0, 1e-3), (True, 1e-3), (2, -1.0), (2, np.nan)])
-def test_bad_numbers_of_copies_are_named(count, size):
-    message = "size must be finite and not negative, got" if count == 2 else "count must be a positive Python int, got"
-    with pytest.raises(ValueError, match=message):
-        scenes.perturbed(scenes.scene("P1"), count, size, 0)
+def test_bad_numbers_of_copies_are_named():
+    for count, size, message in ((0, 1e-3, "count must be"), (True, 1e-3, "count must be"), (2, -1.0, "size must be")):
+        with pytest.raises(ValueError, match=message):
+            scenes.perturbed(scenes.scene("P1"), count, size, 0)
 
 
 # ---- the commands ----
@@ -324,48 +286,20 @@ def test_bad_numbers_of_copies_are_named(count, size):
 def test_the_scenes_are_listed_and_described():
     outcome = midlie("scenes")
     assert [line.split()[0] for line in outcome.out.splitlines()[2:]] == scenes.scenes()
-    outcome = midlie("scenes", *scenes.scenes())
-    assert outcome.code == 0, outcome.err
-    each = dict(zip(scenes.scenes(), outcome.out.split("\n\n"), strict=True))
-    for name, told in each.items():
-        scene = scenes.scene(name)
-        assert all(text in told for text in (scene.title, scene.source, scene.units, f"{scene.steps} steps"))
-    assert "HeavyTop(mgl = 20., axis = [0., 0., 1.])" in each["P1"]
-    words = "mass", "1000.", "position at the start", "PointMass(mu", "+ Oblateness(mu"
-    assert all(word in each["satellite"] for word in words)
+    told, scene = midlie("scenes", "P1", "satellite").out, scenes.scene("P1")
+    assert all(text in told for text in (scene.title, scene.source, scene.units, f"{scene.steps} steps"))
+    words = "position at the start", "PointMass(mu", "+ Oblateness(mu", "HeavyTop(mgl = 20., axis = [0., 0., 1.])"
+    assert all(word in told for word in words)
 
 
-def number(said: str) -> float:
-    return float(said.split()[0])
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["thrown-brick", "boomerang"])
-def test_a_scene_runs_with_its_method_and_keeps_what_it_should(name):
-    said = midlie("run", name).facts
-    assert said["ok"] == "yes"
-    if name == "boomerang":
-        assert said["energy error, largest relative"] == "not defined: Blades has no potential energy"
-        assert said["momentum error, largest relative"].startswith("not conserved")
-    else:
-        assert number(said["energy error, largest relative"]) < 1e-13
-        assert number(said["momentum error, largest relative"]) < 1e-13
-        assert said["place at the end"] == "30, 0, 5"
-        assert number(said["place error, largest relative"]) < 1e-13
-
-
-STATES = {"thrown-brick": ml.FreeState, "spherical-pendulum": ml.AxisState, "dimer": ml.CoupledState}
-HEADS = {
-    "dimer": ["copy", "time", "body", "momentum_1"],
-    "spherical-pendulum": [*("body", "time"), *(f"{n}_{x}" for n in ("momentum", "axis") for x in "xyz"), "ok"],
-}
+STATES = {"spherical-pendulum": ml.AxisState, "binary-asteroid": ml.CoupledState}
 
 
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("name", STATES)
 def test_every_command_takes_a_scene_of_each_kind(name, tmp_path):
     """Saved, read, drawn, exported and shown; the file and the store hold the same copies."""
-    zarr = pytest.importorskip("zarr")
+    pytest.importorskip("zarr")
     scene, coupled = scenes.scene(name), STATES[name] is ml.CoupledState
     start = jax.tree.map(lambda x: x[1], scenes.perturbed(scene, 2, 1e-3))
     npz, store, png, table = (tmp_path / f"run.{ending}" for ending in ("npz", "zarr", "png", "csv"))
@@ -374,10 +308,6 @@ def test_every_command_takes_a_scene_of_each_kind(name, tmp_path):
     assert said.facts["ok"] == "yes"
     assert ("2 perturbed copies" in said.out) == coupled
     assert midlie(*run, store).code == 0
-    root: Any = zarr.open_group(str(store), mode="r")
-    for field, (dims, about) in type(scene.start).described().items():
-        assert root[field].metadata.dimension_names[-1] == dims[-1]
-        assert root[field].attrs["units"] == about["units"]
     outcome = midlie("inspect", store, "--plot", tmp_path / "store.png")
     assert outcome.code == 0, outcome.err
     assert "momentum error, largest relative, of all bodies" in outcome.out
@@ -386,7 +316,6 @@ def test_every_command_takes_a_scene_of_each_kind(name, tmp_path):
     for file in (npz, store):
         saved = saved_path(file, 1)
         assert (type(saved.body), type(saved.path.states)) == (type(scene.body), STATES[name])
-        assert jax.tree.structure(saved.body) == jax.tree.structure(scene.body)
         assert jax.tree.all(jax.tree.map(jnp.array_equal, saved.body, scene.body))
         assert jax.tree.all(jax.tree.map(lambda a, b: jnp.array_equal(a[0], b), saved.path.states, start))
     for ending in ("html", "gif"):
@@ -395,16 +324,13 @@ def test_every_command_takes_a_scene_of_each_kind(name, tmp_path):
     if coupled:
         assert "coupled bodies, but export writes one" in outcome.err
     else:
-        rows = list(csv.DictReader(io.StringIO(outcome.out)))
-        assert ("position_z" in rows[0], "axis_x" in rows[0]) == ("thrown" in name, "pendulum" in name)
-        assert name != "thrown-brick" or float(rows[-1]["position_z"]) == saved_path(npz, 1).path.states.position[-1, 2]
-    if name == "spherical-pendulum":
+        assert "axis_x" in outcome.out
         assert "holds only the axis of a body, without an angle about it" in midlie("export", npz, "--euler", "ZYX").err
-    if name in HEADS:
+    if coupled:
         assert midlie(*run, table).code == 0
         rows = list(csv.DictReader(io.StringIO(table.read_text())))
-        assert list(rows[0])[: len(HEADS[name])] == HEADS[name]
-        assert name != "dimer" or [row["body"] for row in rows] == ["0", "1"] * 14
+        assert list(rows[0])[:4] == ["copy", "time", "body", "momentum_1"]
+        assert [row["body"] for row in rows] == ["0", "1"] * 14
 
 
 @pytest.mark.sample(0)
@@ -415,7 +341,7 @@ def test_a_store_gives_back_bodies_with_full_tensors(tmp_path):
     tensors = np.einsum("ia,na,ja->nij", turn, np.asarray(scene.body.body.moments), turn)
     body = ml.FreeBody(ml.TensorBody(tensors), scene.body.mass)
     start = scenes.perturbed(scene, 2, 1e-3)
-    ml.simulate(scene.method, body, scene.torque, start, dt=scene.dt, steps=2, out=tmp_path / "run.zarr", save_every=1)
+    ml.simulate("RK4", body, None, start, dt=scene.dt, steps=2, out=tmp_path / "run.zarr", save_every=1)
     found: Any = saved_path(tmp_path / "run.zarr", 1).body
     frames = np.asarray(ml.so3.to_matrix(found.body.frame))
     again = np.einsum("nia,na,nja->nij", frames, found.body.principal.moments, frames)
@@ -434,6 +360,7 @@ def test_ladder_doubles_and_follows_the_figure_for_p1():
         convergence.ladder(scenes.scene("P1"), coarsest=2**20, levels=12)
 
 
+@pytest.mark.sample(0)
 def test_extrapolated_reference_is_as_good_as_it_says(monkeypatch):
     scene = scenes.scene("slow-top")
     exact = convergence.find_reference(scene, 1000)
@@ -442,8 +369,6 @@ def test_extrapolated_reference_is_as_good_as_it_says(monkeypatch):
     assert "extrapolation" in found.source
     assert found.uncertainty < 1e-6
     np.testing.assert_allclose(found.attitude, exact.attitude, atol=2 * found.uncertainty)
-    scale = float(np.linalg.norm(exact.momentum))
-    np.testing.assert_allclose(found.momentum, exact.momentum, atol=2 * found.uncertainty * scale)
 
 
 @pytest.mark.sample(1)
@@ -462,11 +387,8 @@ def test_errors_are_measured_against_an_end_that_is_known(name, method, source):
     assert source in reference.source
     assert reference.uncertainty < 1e-11
     (coarse, fine), _ = convergence.survey(scene, [method], rungs, reference)
-    assert fine.ok
     assert fine.attitude_slope == pytest.approx(2, abs=0.15)
     if name == "thrown-brick":
         assert fine.position_error < 1e-11
     elif name == "boomerang":
         assert coarse.position_error / fine.position_error == pytest.approx(4, rel=0.1)
-    else:
-        assert np.isnan(fine.position_error)

@@ -1,6 +1,7 @@
 """Long runs in parts: the same bits however a run is cut short or spread; and errors that say what to do."""
 
 import contextlib
+import inspect
 import json
 import os
 import random
@@ -66,10 +67,8 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     assert json.loads(run.versions)["jax"] == jax.__version__
     assert json.loads(run.parameters) == {"dt": 0.05, "t0": 0.0}
     np.testing.assert_array_equal(run.parameter_body_moments, MOMENTS)
-    body, start = (
-        ml.RigidBody(jnp.asarray(MOMENTS)),
-        ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0]),
-    )
+    body = ml.RigidBody(jnp.asarray(MOMENTS))
+    start = ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0])
     top = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_mgl.values))
     # What all bodies share is computed for each span, under a field that goes round.
     field = ml.spacecraft.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
@@ -85,7 +84,7 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("suffix", "method"), [("zarr", "SYMMETRIC[EA]"), ("npz", "JACOBI[SRKN6b]"), ("npz", "RK4")])
+@pytest.mark.parametrize(("suffix", "method"), [("zarr", "JACOBI[EA]"), ("npz", "RK4")])
 def test_a_run_continued_from_a_carry_has_the_same_bits(tmp_path, suffix, method):
     """In `simulate` and `ensemble`, and after a complete run has been opened again; times and indices go on."""
     half = {"steps": STEPS // 2, "method": method}
@@ -106,6 +105,7 @@ def test_a_run_continued_from_a_carry_has_the_same_bits(tmp_path, suffix, method
     np.testing.assert_array_equal(end.index, STEPS + 1)
 
 
+@pytest.mark.sample(0)
 def test_a_run_from_another_carry_is_refused(tmp_path):
     half = {"steps": STEPS // 2}
     first = simulated(tmp_path / "first.npz", **half)
@@ -204,23 +204,6 @@ def test_a_gain_of_energy_is_found_in_spans_of_any_length(tmp_path, span, first_
     assert not simulated(before.carry, "after.npz", steps=200, span=span).ok.any()
 
 
-@pytest.mark.sample(0)
-def test_a_body_that_cannot_be_fails_where_it_does_in_an_ensemble(tmp_path):
-    """Its start is a state like any other; what a step makes of it is not. Also from a carry."""
-    moments = jnp.array([[2.0, 2.4, 2.5], [2.0, -1.0, 2.5]])
-    body = eqx.tree_at(lambda body: body.moments, ml.RigidBody([2.0, 2.0, 2.5]), moments)
-    start = ml.RigidState(jnp.ones((2, 3)), jnp.asarray(np.eye(4)[[0, 0]]))
-    run = {"dt": 0.05, "steps": 6, "save_every": 2}
-    ensemble = ml.ensemble("JACOBI[EA]", body, None, start, **run)
-    simulation = ml.simulate("JACOBI[EA]", body, None, start, out=tmp_path / "run.npz", span=2, **run)
-    np.testing.assert_array_equal(simulation.first_bad, ensemble.first_bad)
-    assert ensemble.first_bad.tolist() == [4, 1]
-    ensemble = ml.ensemble("JACOBI[EA]", body, None, ensemble.carry, **run)
-    simulation = ml.simulate("JACOBI[EA]", body, None, simulation.carry, out=tmp_path / "next.npz", span=2, **run)
-    np.testing.assert_array_equal(simulation.first_bad, ensemble.first_bad)
-    assert ensemble.first_bad.tolist() == [4, 0]
-
-
 OTHERS = [
     ({"method": "SYMMETRIC[E2]"}, r"method was SYMMETRIC\[EA\] and is now SYMMETRIC\[E2\]"),
     ({"dt": 0.04}, "dt was 0.05 and is now 0.04"),
@@ -277,48 +260,97 @@ def test_a_lock_ends_with_the_process_that_holds_it(tmp_path):
     assert not (path / "checkpoint/lock").exists()
 
 
-@pytest.mark.parametrize(
-    ("out", "options", "message"),
-    [
-        ("run.zarr", {"resume": False}, "exists; pass resume=True"),
-        ("run.hdf5", {}, "ends in .zarr or .npz"),
-        ("no/run.zarr", {}, "create the folder first"),
-        ("run.npz", {"resume": True}, "cannot be resumed"),
-        ("other.zarr", {"span": 1}, "span must be at least 2"),
-        ("other.zarr", {"group": 0}, "group must be a positive"),
-        ("other.zarr", {"observe": 3}, "observe must be a function"),
-        ("other.zarr", {"momenta": np.where(np.arange(BODIES)[:, None] == 3, np.nan, MOMENTA)}, "must be finite"),
-        ("broken.zarr", {"resume": True}, "broken.zarr is not the store of a run"),
-    ],
-)
-def test_bad_arguments_are_named(tmp_path, out, options, message):
+ARGUMENTS = [
+    ("run.zarr", {"resume": False}, "exists; pass resume=True"),
+    ("run.hdf5", {}, "ends in .zarr or .npz"),
+    ("no/run.zarr", {}, "create the folder first"),
+    ("run.npz", {"resume": True}, "cannot be resumed"),
+    ("other.zarr", {"span": 1}, "span must be at least 2"),
+    ("other.zarr", {"group": 0}, "group must be a positive"),
+    ("other.zarr", {"observe": 3}, "observe must be a function"),
+    ("other.zarr", {"momenta": np.where(np.arange(BODIES)[:, None] == 3, np.nan, MOMENTA)}, "must be finite"),
+    ("broken.zarr", {"resume": True}, r"broken\.zarr is not the store of a run"),
+]
+
+
+def test_bad_arguments_are_named(tmp_path):
     (tmp_path / "run.zarr").mkdir()
     (tmp_path / "broken.zarr").mkdir()
-    with pytest.raises(ValueError, match=message):
-        simulated(tmp_path / out, **options)
+    for out, options, message in ARGUMENTS:
+        with pytest.raises(ValueError, match=message):
+            simulated(tmp_path / out, **options)
     assert sorted(os.listdir(tmp_path)) == ["broken.zarr", "run.zarr"]
 
 
-@pytest.mark.parametrize("changes", [lambda x: {"momenta": MOMENTA * x}, lambda x: {}], ids=["momenta", "nothing"])
-def test_a_run_within_a_traced_function_is_refused(tmp_path, changes):
-    with pytest.raises(ValueError, match=r"simulate needs concrete numbers, but .* traced; call it outside jit"):
-        jax.jit(lambda x: simulated(tmp_path / "run.npz", **changes(x)).seconds)(0.1)
+class Unreadable:
+    def __array__(self, *options, **names):
+        raise RuntimeError("no array")
 
 
-def test_a_folder_that_cannot_be_written_is_said_before_the_run():
+OWN, KIND = "which the file has itself", "but takes a text, a number, or a list"
+BAD = [
+    (["file"], "attributes must be a dict"),
+    ({"momentum.npy": "x"}, "without .npy"),
+    ({"parameters": 3}, f"attributes has the entry 'parameters', {OWN}"),
+    ({"momentum": 3}, f"'momentum', {OWN}"),
+    ({"midlie_jax": 1}, f"'midlie_jax', {OWN}"),
+    ({"a": [[1], [2, 3]]}, f"'a'.*{KIND}"),
+    ({"a": Unreadable()}, rf"'a'.*\(RuntimeError\), {KIND}"),
+    ({"a": None}, f"'a': None, {KIND}"),
+    ({"a": 1j}, f"'a'.*{KIND}"),
+    ({"a": 10**30}, f"'a'.*{KIND}"),
+]
+
+
+def test_bad_attributes_are_named_before_the_run(tmp_path, monkeypatch):
+    """Users do not have the type checkers that the tests have."""
+    monkeypatch.setattr(ml, "simulate", inspect.unwrap(ml.simulate))
+    for attributes, message in BAD:
+        with pytest.raises(ValueError, match=message):
+            simulated(tmp_path / "run.zarr", attributes=attributes)
+    mean = ml.observe.Mean(lambda t, state: state.momentum[2])
+    with pytest.raises(ValueError, match=f"'variance', {OWN}"):
+        simulated(tmp_path / "run.zarr", attributes={"variance": 1}, observe=mean)
+    assert os.listdir(tmp_path) == []
+
+
+GOOD = {
+    "title": "three bodies", "file": "a name of an argument of numpy.savez", "compression": True, "self": 3,
+    "a/b": [1, 2], "texts": ("x", "yz"), "single": np.float32(3), "of_jax": jnp.arange(3.0, dtype=jnp.float32),
+    "of_numpy": np.eye(2), "numbers_of_jax": [jnp.array(1.0), 2.5], "empty": [],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["npz", "zarr"])
+def test_attributes_are_read_as_they_were(tmp_path, kind):
+    result = simulated(tmp_path / f"run.{kind}", attributes=GOOD, steps=2 * EVERY)
+    if kind == "zarr":
+        said = zarr.open_group(str(result.out), mode="r").attrs.asdict()
+    else:
+        with np.load(result.out, allow_pickle=False) as file:
+            said = dict(file)
+    for name, value in GOOD.items():
+        np.testing.assert_array_equal(np.asarray(said[name]), np.asarray(value))
+    saved = ml.simulation.saved_path(result.out)
+    assert bool(saved.path.ok)
+    assert saved.title == "three bodies"
+
+
+def test_a_run_within_a_traced_function_or_to_a_folder_that_cannot_be_written_is_refused(tmp_path):
+    for changes in (lambda x: {"momenta": MOMENTA * x}, lambda x: {}):
+        with pytest.raises(ValueError, match=r"simulate needs concrete numbers, but .* traced; call it outside jit"):
+            jax.jit(lambda x, changes=changes: simulated(tmp_path / "run.npz", **changes(x)).seconds)(0.1)
     with pytest.raises(OSError, match="run"):
         simulated("/proc/run.zarr")
 
 
 def start_process(out, cache, *options):
-    environment = {
-        **os.environ,
-        "JAX_COMPILATION_CACHE_DIR": str(cache),
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)}
+    environment |= {
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
-    script = Path(__file__).parent / "simulated.py"
-    command = [sys.executable, str(script), str(out), *map(str, options)]
+    command = [sys.executable, str(Path(__file__).parent / "simulated.py"), str(out), *map(str, options)]
     # A file, because a pipe that is read late fills up with XLA's messages, and the process would wait for ever.
     errors = Path(tempfile.mkdtemp(dir=out.parent)) / "errors"
     with errors.open("w") as file:
@@ -345,7 +377,7 @@ def optimised(tmp_path_factory, cache):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("seed", [0, *whole(*range(1, 6))])
+@pytest.mark.parametrize("seed", [0, *whole(1, 2, 3)])
 def test_a_run_killed_within_a_file_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
     """A file of a part is written by half, even where Zarr would have renamed it only when whole."""
     number = CREATED + random.Random(seed).randrange(1, 3 * 16 + 1)

@@ -31,7 +31,7 @@ FIELDS["sum"] = FIELDS["generic top"] + FIELDS["dipole"]
 FIELDS["sum of three"] = FIELDS["sum"] + FIELDS["gradient"]
 
 
-@pytest.mark.parametrize("name", ["top", "generic top", "dipole", "sum"])
+@pytest.mark.parametrize("name", ["top", "sum"])
 def test_a_direction_is_enough(name):
     """The fields along the vertical give a `DirectionState` what they give the full state; autodiff too."""
     field, direction = FIELDS[name], ml.DirectionState(MOMENTUM, so3.to_matrix(ATTITUDE)[2])
@@ -84,21 +84,15 @@ def test_a_run_sees_whether_a_torque_reads_the_momentum(torque, reads):
     assert System.of(BODY, torque, STATE, jnp.array(0.5)).reads_momentum == reads
 
 
-DRAG = 0.3
-LEVELS = 4
-
-
-def drag(t, state):
-    return -DRAG * state.momentum * (1 + jnp.sin(t))
+DRAG, LEVELS = 0.3, 4
 
 
 @cache
 def damped_truth():
     def rate(t, y):
         r = Rotation.from_quat(y[3:], scalar_first=True).as_matrix()
-        velocity = y[:3] / np.asarray(BODY.moments)
+        velocity, w, u = y[:3] / np.asarray(BODY.moments), y[3], y[4:]
         torque = 2.0 * np.cross(r[2], (0.48, 0.6, 0.64)) - DRAG * y[:3] * (1 + np.sin(t))
-        w, u = y[3], y[4:]
         turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
         return np.concatenate([np.cross(y[:3], velocity) + torque, turning])
 
@@ -113,9 +107,10 @@ DAMPED = [
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", each(DAMPED, few=["JACOBI[EA]", "RK4", "LIEMID[E1]", "SW"]))
+@pytest.mark.parametrize("name", each(DAMPED, few=["JACOBI[EA]", "LIEMID[E1]", "SW"]))
 def test_damped_top_keeps_the_order_up_to_two(name):
-    torque = torques.HeavyTop(2.0, (0.48, 0.6, 0.64)) + torques.VelocityDependent(drag)
+    drag = torques.VelocityDependent(lambda t, state: -DRAG * state.momentum * (1 + jnp.sin(t)))
+    torque = torques.HeavyTop(2.0, (0.48, 0.6, 0.64)) + drag
 
     @jax.jit
     @jax.vmap
