@@ -75,7 +75,7 @@ def test_a_refusal_comes_without_jax():
 
 
 MISTAKES = [
-    (["run", "p1-tited"], ["unknown scene 'p1-tited'", "Did you mean 'P1-tilted'?"]),
+    (["run", "p1-tited"], ["unknown scene 'p1-tited'", "did you mean 'P1-tilted'?"]),
     (["run", "P1", "--method", "nobody"], ["unknown method 'nobody'", "LIEMID[EA]"]),
     (["run", "P1", "--method", "Verlet"], ["moves Particles"]),
     (["run", "P1", "--dt", "0"], ["midlie: dt must be finite and not zero, got 0", "write for example --dt 0.005"]),
@@ -361,6 +361,6 @@ def test_maps_of_stability_are_measured_and_drawn(tmp_path):
     assert f"wrote {png}" in out
     scene, method = scenes.scene("compass"), ml.method("SYMMETRIC[EA]")
     _, (_, _, field) = stability.sweeps(scene, 5)
-    found = {line.kind: line.steps for line in stability.lines(method, scene, field)}
+    found = dict(stability.lines(method, scene, field))
     np.testing.assert_allclose(found["stability"], 2 / field.values, rtol=2e-3)
     np.testing.assert_allclose(found["reach"], method.reach / 0.6)

@@ -11,7 +11,7 @@ from cases import LEVEL, assert_one_line, midlie, tumbled
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from midlie_jax.cli.flight import free_flight
+from midlie_jax.cli.fit import free_flight
 from midlie_jax.fitting import fit
 
 ROOT = Path(__file__).resolve().parent.parent

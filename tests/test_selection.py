@@ -10,8 +10,7 @@ from cases import setup, true_motion
 
 import midlie_jax as ml
 from midlie_jax.advice import recommend as selection
-from midlie_jax.advice.ladder import Case
-from midlie_jax.advice.one_direction import one_direction
+from midlie_jax.advice.recommend import Case, one_direction
 from midlie_jax.model import so3
 from midlie_jax.model.torques import BodyTorque, Damping, DipoleInField, FromPotential, HeavyTop
 

@@ -2,4 +2,4 @@
 
 from .check import Check as Check
 from .recommend import Recommendation as Recommendation
-from .rounding import Rounding as Rounding
+from .trials import Rounding as Rounding

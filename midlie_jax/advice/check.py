@@ -1,33 +1,43 @@
 """`check`: tests before a run whether a step is stable for a method, body, torque and start, and suggests a stable one.
 
-A trial of some thousand steps (`trials.py`) measures the rotation angles of the steps and the rates of the torque. It
-shows whether the run fails or the energy drifts. `check` compares these with the limits of `integrators/limits.py`. It
-tests whether the torque jumps in time within steps (`jumps.py`). A trial with half the step estimates the accuracy of
-the motion, which is not part of the verdict.
+A trial of some thousand steps (`trials.py`) shows whether the run fails or the energy drifts, and measures rotation
+angles and rates of the torque, to compare with the limits of `integrators/limits.py`. A trial with half the step
+estimates the accuracy, which is not part of the verdict. Samples of the torque within steps show whether it jumps.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count, require_numbers
+from .._xla.replay import traits
 from ..drivers.arguments import as_method, as_scalar, check_clock, check_system
-from ..drivers.ensemble import as_batch
+from ..drivers.clock import time_of
+from ..drivers.ensemble import Batch, as_batch
 from ..integrators.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState
-from ..model.torques import TorqueLike
-from .jumps import jump_error
-from .rounding import Rounding
-from .trials import Trial, Trials
+from ..model.torques import TorqueLike, on_body
+from ..model.torques.by_step import in_step, is_by_step
+from .trials import Rounding, Trial, Trials
 
 _MOST_COUPLED = 32  # coupled bodies whose torques are linearised together
 _NO_BATH = "check needs a deterministic run, and a heat bath is random"
 _LARGEST_JUMP, _SMALL_JUMP = 0.05, 1e-3  # relative errors of the impulse: not sane, printed
 _JUMPS = "the torque jumps in time, and steps sample it at instants; use midlie_jax.torques.Pulses or Held"
+_LOOKS = 8  # samples of the torque in a step, besides those next to its ends
+_ROUNDS = 4  # how often the interval of the largest change is divided
+_NEXT = 2.0**-14  # distance of a one-sided sample from the end of a step, in steps
+_LEFT = 0.3  # the fraction of a change that remains if the torque jumps, rather than being steep
+_MOST_SAMPLED, _LEAST_SAMPLED = 20_000, 64  # sampled steps, of all bodies and of one
+_GOLDEN = (5**0.5 - 1) / 2
 _LOST = 0.3  # radians
 _OFF = 0.95  # the factor that shortens a suggested step until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
@@ -36,11 +46,8 @@ _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeed
 class Check(NamedTuple):
     """Whether a step is sane, that is, stable (not accurate). For a batch, each number is for the worst state.
 
-    It prints as a short text. A sane step can lose the phase of a motion completely within the run; see `error`.
-
     Attributes:
-        method: name of the method.
-        dt: the step.
+        method, dt: name of the method, and the step.
         sane: whether `solved` holds, `turn` is at most 0.8 `reach`, `stiffness` is at most half of `limit`, the step is
             off every resonance, `energy_error` is at most half, where it is defined, and `jump_error` at most 0.05.
         steps: the number of steps of the trial.
@@ -64,9 +71,8 @@ class Check(NamedTuple):
             kicks.
         harmonic: the k of `resonance`; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
-        rounding: estimates the rounding errors of the run; `rounding.error(steps)` is the relative error of the
-            momentum after a number of steps, and `rounding.loses(steps)` says whether the run needs a
-            `CompensatedState`.
+        rounding: the estimate of rounding errors after any number of steps, by `rounding.error(steps)`, and of whether
+            the run needs a `CompensatedState`, by `rounding.loses(steps)`.
         jump_error: the largest relative error of the impulse from jumps of the torque in time, within steps or at their
             ends; 0 if it does not jump, or only by `midlie_jax.torques.Held` and `Pulses`, which are exact.
         error: estimated error of the attitude in radians in the first half of the trial, from a run with half the step
@@ -131,8 +137,8 @@ class Check(NamedTuple):
             text = f"{period:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.harmonic}"))
         if not self.solved:
-            trial = f"FAILS after {self.lasted} of {self.steps} steps: a solve does not succeed, the step is beyond "
-            trial += "the reach, or a number is not finite"
+            reasons = "a solve does not succeed, the step is beyond the reach, or a number is not finite"
+            trial = f"FAILS after {self.lasted} of {self.steps} steps: {reasons}"
         elif math.isnan(self.energy_error):
             trial = f"{self.steps} steps succeed"
         else:
@@ -166,9 +172,8 @@ def check(
 ) -> Check:
     """Tests by trials, before a run, whether a step is sane (stable), and suggests a sane one.
 
-    The verdict is about stability, not accuracy. The error of the attitude grows with time, as the order-th power of
-    the step, so a sane step can lose the phase of a motion within a long run. The printed text estimates the error;
-    `midlie_jax.recommend` finds the step for a given error at the end of a run.
+    The verdict is about stability, not accuracy: a sane step can lose the phase of a motion within a long run. The
+    printed text estimates the error; `midlie_jax.recommend` finds the step for a given error at the end of a run.
 
     Compiling takes some seconds; further calls with the same torque function do not compile.
 
@@ -250,3 +255,96 @@ def _suggested(trials: Trials, own: Trial, dt: float) -> float:
         # The motion with this step may need a smaller one. The bounds of a failed trial are unreliable.
         h = max(trial.bounds.longest, _SHORTER * h) if trial.fine else _SHORTER * h
     return 0.0
+
+
+def jump_error(batch: Batch, dt: float, steps: int) -> float:
+    """The largest relative error of the impulse from jumps of the torque in time, for the worst body.
+
+    A method samples a torque at instants, and uses a value at the end of a step for both sides. If a torque jumps
+    within a step, or at its end without the mean of both sides there, the impulse is wrong by up to half the jump times
+    the step. A change of the torque is a jump if it does not decrease with the time between two samples; `Held` and
+    `Pulses` are exact in each step and do not count.
+
+    The torque on the initial states is sampled in up to `steps` steps. Zero if the torque does not depend on time, or
+    if the error of the impulse is below the rounding of the momentum: such a torque is zero except for rounding errors.
+    """
+    body, torque, start, _, t0 = eqx.combine(jax.tree.map(lambda x: x[0], batch.mapped), batch.shared)
+    if torque is None or not traits(lambda t: on_body(torque, body)(t, start), t0).reads[0]:
+        return 0.0
+    numbers = np.arange(max(_LEAST_SAMPLED, min(steps, _MOST_SAMPLED // batch.bodies)), dtype=np.int32)
+    shifted = (np.arange(_LOOKS) + (numbers[:, None] * _GOLDEN) % 1) / _LOOKS
+    next_to_ends, end = np.array([_NEXT, 1 - _NEXT]), np.ones((len(numbers), 1))
+    inside = np.sort(np.concatenate([shifted.clip(*next_to_ends), next_to_ends + 0 * end], axis=1), axis=1)
+    places = np.broadcast_to(np.concatenate([inside, end], axis=1), (batch.bodies, len(numbers), _LOOKS + 3))
+
+    def values(places: np.ndarray, seen_by: np.ndarray) -> np.ndarray:
+        clock = jnp.asarray(dt, t0.dtype), numbers, seen_by
+        return np.asarray(_values(batch.mapped, batch.shared, clock, places), np.float64)
+
+    # With the `ByStep` values of the first step in all steps, these do not jump.
+    still = np.zeros_like(numbers)
+    found = values(places, still)
+    own = values(places, numbers) if is_by_step(torque) else found
+    impulse = np.linalg.norm(own[..., :-1, :, :], axis=-1).mean(axis=2).sum(axis=1)
+    vectors = range(found.shape[-2])
+    wrong = np.stack(
+        [_wrong(lambda x, i=i: values(x, still)[..., i, :], places, found[..., i, :]) for i in vectors], axis=-1
+    )
+    start = batch.mapped[2]
+    momenta = [start.momentum, *([start.linear] if len(vectors) > 1 else [])]
+    size = np.stack([np.linalg.norm(np.reshape(x, (batch.bodies, -1)), axis=-1) for x in momenta], axis=-1)
+    rounded = len(numbers) * np.finfo(t0.dtype).eps * size / abs(dt)
+    return float(np.max(np.where(wrong > rounded, wrong / np.where(impulse > 0, impulse, 1), 0)))
+
+
+def _wrong(look: Callable[[np.ndarray], np.ndarray], places: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """The largest error by jumps of one vector, over dt, (bodies,), from its values (bodies, steps, places, n)."""
+    change, lower, upper = _largest_change(places[..., :-1], found[..., :-1, :])
+    first = change
+    for _ in range(_ROUNDS):
+        divided = lower[..., None] + (upper - lower)[..., None] * np.linspace(0, 1, places.shape[-1])
+        change, lower, upper = _largest_change(divided, look(divided))
+    jumps = np.where(change > _LEFT * first, change, 0)
+    before, at_end, after = found[:, :-1, -2], found[:, :-1, -1], found[:, 1:, 0]
+    one_sided = np.linalg.norm(at_end - (before + after) / 2, axis=-1)
+    one_sided = np.where(np.linalg.norm(after - before, axis=-1) > _LEFT * first[:, :-1], one_sided, 0)
+    return jumps.sum(axis=1) / 2 + one_sided.sum(axis=1)
+
+
+def _largest_change(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each step the largest change between two neighbouring places, and these places."""
+    changes = np.linalg.norm(np.diff(values, axis=-2), axis=-1)
+    at = np.argmax(changes, axis=-1)[..., None]
+
+    def of(x: np.ndarray) -> np.ndarray:
+        return np.take_along_axis(x, at, axis=-1)[..., 0]
+
+    return of(changes), of(places[..., :-1]), of(places[..., 1:])
+
+
+@eqx.filter_jit
+def _values(mapped: Any, shared: Any, clock: Any, places: Any) -> Any:
+    """The torque at places (bodies, steps, places) within steps, as vectors (..., 1 or 2, n).
+
+    The clock is dt, the indices of the steps, and the indices of the steps that define the values of `Held` and
+    `Pulses`.
+    """
+    dt, numbers, seen_by = clock
+
+    def of_body(mapped: Any, places: Any) -> Any:
+        body, torque, start, _, t0 = eqx.combine(mapped, shared)
+        torque = on_body(torque, body)
+
+        def of_step(number: Any, seen_by: Any, places: Any) -> Any:
+            begin, end = time_of(t0, dt, number), time_of(t0, dt, number + 1)
+            torque_here = in_step(torque, time_of(t0, dt, seen_by), time_of(t0, dt, seen_by + 1), dt)
+
+            def at(place: Any) -> Any:
+                value = torque_here(jnp.where(place == 1, end, begin + place * dt), start)
+                return jnp.stack([jnp.ravel(x) for x in jax.tree.leaves(value)])
+
+            return jax.vmap(at)(places.astype(dt.dtype))
+
+        return jax.vmap(of_step)(numbers, seen_by, places)
+
+    return jax.vmap(of_body)(mapped, places)

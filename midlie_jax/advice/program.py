@@ -1,8 +1,7 @@
 """`Program`: a method on a batch of bodies, compiled once for any step and any number of steps.
 
-`recommend`, the convergence charts and the comparisons with other programs use it. It has the loop of `integrate`, but
-the number of steps is an argument of the compiled program, so it has no reverse derivative. Later programs with the
-same method, torque function and shapes reuse the compiled code.
+It has the loop of `integrate`, but the number of steps is an argument of the compiled program, so it has no reverse
+derivative. Later programs with the same method, torque function and shapes reuse the compiled code.
 `tests/test_selection.py` checks that its results equal those of `integrate`.
 """
 

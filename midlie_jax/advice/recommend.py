@@ -1,15 +1,14 @@
 """`recommend`: the fastest method and step for a body, a torque and a tolerance, measured on the motion itself.
 
-Each candidate is compiled once, with the number of steps as an argument, and run over a ladder of steps in which each
-step is half the previous one. From a guess the ladder goes to larger steps until a run misses the tolerance. It then
-goes to smaller steps until halving the step changes the result by a small part of the tolerance. The result that
-changed least is the reference for all errors. The recommendation is the fastest candidate within the tolerance, with a
-step that `check` confirms as sane. A candidate that is already slower than another one within the tolerance gets no
-smaller steps.
+Each candidate is run over a ladder of steps, each half the previous one. From a guess the ladder goes to larger steps
+until a run misses the tolerance, then to smaller steps until halving the step changes the result by a small part of the
+tolerance, or until another candidate is faster. The result that changed least is the reference for all errors. The
+recommendation is the fastest candidate within the tolerance, with a step that `check` confirms as sane.
 """
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -18,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import described, progress_line, require, require_numbers, shown
+from .._math import components as cp
 from ..drivers.arguments import as_scalar, check_clock, check_system
 from ..integrators.base import Method
 from ..integrators.registry import ENTRIES, exact_flight
@@ -25,21 +25,65 @@ from ..integrators.registry import method as find_method
 from ..integrators.runge_kutta import RungeKutta
 from ..integrators.schemes import SCHEMES
 from ..integrators.system import System
+from ..model import so3
 from ..model.bodies import Body, RigidBody, SymmetricRotor, principal_of
 from ..model.compatibility import order_cure
 from ..model.state import AnyState
-from ..model.torques import TorqueLike
+from ..model.states import DirectionState, RigidState
+from ..model.torques import TorqueLike, on_body
 from .check import check
-from .facts import Facts
-from .ladder import Candidate, Case, Trial, distance, fits_of
-from .one_direction import one_direction
-from .trials import MOST_STEPS
+from .program import Program
+from .timing import timed
+from .trials import MOST_STEPS, Facts
 
 _FIRST_TURN = 0.5  # rotation of the body per step of the first guess, radians
 _SLOWER = 1.5  # a candidate is dropped once it is this many times slower than the fastest within the tolerance
 _LEAST = 64  # smallest tolerance, in units of eps: rounding hides smaller errors
 _WORTH = 0.9  # share of the run time below which another state is mentioned
+_ATTITUDES = 6  # random attitudes at which a state with one direction must give the same torque
+_TOLERANCE = 1e3  # in units of eps: a torque whose terms cancel has large rounding errors
+_COPIES = 16  # copies of the body in each run; the time of a run is divided by this number
+_SAFETY = 0.9  # fraction of the interpolated step for the tolerance
+_CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance divided by this number
+_SHORT = 0.01  # a run is timed again, up to five times, until its timings take this many seconds in total
+_LONGEST = 1.0  # seconds; after a longer run of all copies, no smaller step is tried
+_MOST_OF_LADDER = 2**30  # steps
+_ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases is rounding
 _STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
+
+
+class Trial(NamedTuple):
+    """A method at one step `dt`: the number of steps; the error of the attitude at the end, Frobenius norm of the
+    difference of rotation matrices; the processor time of the whole motion for one body in a batch, without
+    compiling.
+    """
+
+    method: str
+    dt: float
+    steps: int
+    error: float
+    seconds: float
+    ok: bool
+
+
+class Run(NamedTuple):
+    """A run: its steps; the configuration at the end, (k,); whether all copies are ok; seconds for one body."""
+
+    steps: int
+    end: np.ndarray
+    ok: bool
+    seconds: float
+
+
+class Case(NamedTuple):
+    """The motion for which methods are compared, of the duration `span`; `length` is as in `recommend`."""
+
+    body: Any
+    torque: Any
+    start: AnyState
+    t0: Array
+    span: float
+    length: float | None
 
 
 class Recommendation(NamedTuple):
@@ -93,9 +137,6 @@ def recommend(
     progress: bool | Callable[[int], Any] | None = None,
 ) -> Recommendation:
     """The fastest method of this package, and its step, for a given error at the end of a motion.
-
-    The error is the error of the attitude, or of the axis of an `AxisState`; for a body that translates, combined with
-    the error of the position in units of `length`.
 
     Each candidate runs the motion for the whole duration. Compiling takes some seconds; long motions take longer. The
     recommendation holds for this duration, because errors grow with time, and for this machine, because times are
@@ -170,7 +211,10 @@ def recommend(
     for n, name in enumerate(names, 1):
         show(f"recommend: {name} ({n} of {len(names)})")
         candidate = Candidate(name, case)
-        candidate.climb(guess, tolerance, _SLOWER * _fastest_seconds(compiled.values(), tolerance))
+        # The fastest run so far that is within the tolerance of the last end of its ladder.
+        ladders = [other.ladder() for other in compiled.values()]
+        near = [run.seconds for runs in ladders for run in runs if distance(run, runs[-1]) < tolerance]
+        candidate.climb(guess, tolerance, _SLOWER * min(near, default=math.inf))
         compiled[name] = candidate
         if callable(progress):
             progress(1)
@@ -179,7 +223,7 @@ def recommend(
     change, exact = min(ends, default=(math.inf, np.zeros(0)), key=lambda end: end[0])
     if change > tolerance / 3:
         raise ValueError(_why_none(case, tolerance, compiled.values(), change))
-    tried = {name: candidate.trials(exact) for name, candidate in compiled.items()}
+    tried = {name: [c.trial(run, exact) for run in c.ladder()] for name, c in compiled.items()}
     for _, name, steps in sorted(fit for trials in tried.values() for fit in fits_of(trials, tolerance)):
         longest = abs(check(name, body, torque, start, dt=span / steps, steps=min(steps, MOST_STEPS), t0=t0).suggested)
         fewest = math.ceil(abs(span) / longest) if longest > 0 else steps
@@ -201,11 +245,98 @@ def recommend(
     raise ValueError(_why_none(case, tolerance, compiled.values(), change))
 
 
-def _fastest_seconds(candidates: Collection[Candidate], tolerance: float) -> float:
-    """Seconds of the fastest run so far within the tolerance of the last end of its ladder; infinity if none."""
-    ladders = [candidate.ladder() for candidate in candidates]
-    near = [run.seconds for runs in ladders for run in runs if distance(run, runs[-1]) < tolerance]
-    return min(near, default=math.inf)
+class Candidate:
+    """A method compiled for the motion, and its runs."""
+
+    def __init__(self, name: str, case: Case):
+        self.name, self.case = name, case
+        starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), case.start)
+        self.program = Program(find_method(name), case.body, case.torque, starts, t0=case.t0)
+        # The time of a call without steps, which is subtracted from the time of every run.
+        self.idle = 0.0
+        self.idle = min(self.run(0).seconds for _ in range(3))
+        self.runs: list[Run] = []
+
+    def run(self, steps: int) -> Run:
+        step = self.case.span / max(steps, 1)
+        (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
+        end = _place(states, self.case.length)
+        seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
+        return Run(steps, end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
+
+    def _added(self, steps: int) -> Run:
+        """A further run with the smallest possible number of steps that is at least `steps`."""
+        self.runs.append(self.run(self.program.whole(steps)))
+        return self.runs[-1]
+
+    def climb(self, guess: int, tolerance: float, patience: float) -> None:
+        """Runs with fewer steps than `guess` until one misses the tolerance, then with more until the end has
+        converged.
+
+        If a run takes longer than `patience` seconds, no runs with more steps are tried.
+        """
+        run = coarse = self._added(guess)
+        while coarse.ok and coarse.steps > self.program.unroll:
+            before, coarse = coarse, self._added(coarse.steps // 2)
+            if distance(before, coarse) > 2 * tolerance:
+                break
+        change, rounding = math.inf, _ROUNDING * float(np.finfo(self.case.start.momentum.dtype).eps)
+        while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * run.steps <= _MOST_OF_LADDER:
+            before, last, run = run, change, self._added(2 * run.steps)
+            change = distance(before, run)
+            if change < tolerance / _CONVERGED or last / 1.5 < change < rounding:
+                return
+
+    def ladder(self) -> list[Run]:
+        return sorted(self.runs, key=lambda run: run.steps)
+
+    def ends(self) -> list[tuple[float, np.ndarray]]:
+        """The ends of the runs, each with its change by the last halving of the step."""
+        changes = [(distance(coarse, refined), refined.end) for coarse, refined in pairwise(self.ladder())]
+        return [(change, end) for change, end in changes if math.isfinite(change)]
+
+    def trial(self, run: Run, exact: np.ndarray) -> Trial:
+        error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
+        return Trial(self.name, self.case.span / run.steps, run.steps, error, run.seconds, run.ok)
+
+    def confirmed(self, steps: int, exact: np.ndarray, tolerance: float) -> Trial | None:
+        """The first trial within the tolerance, with `steps` steps or up to about twice as many; None without one."""
+        for _ in range(6):
+            steps = self.program.whole(steps)
+            trial = self.trial(self.run(steps), exact)
+            if trial.error <= tolerance:
+                return trial
+            steps = math.ceil(steps * 1.15)
+        return None
+
+
+def _place(states: Any, length: float | None) -> np.ndarray:
+    """The compared quantities of the first state: rotation matrix, axis or direction; position over `length`."""
+    if hasattr(states, "attitude"):
+        orientation = so3.to_matrix(states.attitude[0])
+    else:
+        orientation = states.axis[0] if hasattr(states, "axis") else states.direction[0]
+    end = np.ravel(np.asarray(orientation, np.float64))
+    return end if length is None else np.append(end, np.asarray(states.position[0], np.float64) / length)
+
+
+def distance(first: Run, second: Run) -> float:
+    """The length of the difference of the ends of two runs; infinity if one of them failed."""
+    return float(np.linalg.norm(first.end - second.end)) if first.ok and second.ok else math.inf
+
+
+def fits_of(trials: list[Trial], tolerance: float) -> list[tuple[float, str, int]]:
+    """[(seconds, method, steps)] for the tolerance, interpolated between two trials; [] if no trial reached it."""
+    within = next((t for t in trials if t.ok and t.error <= tolerance), None)
+    if within is None:
+        return []
+    coarser = [t for t in trials if t.steps < within.steps and t.ok]
+    steps = within.steps
+    if coarser and 0 < within.error < coarser[-1].error < 1:
+        coarse = coarser[-1]
+        slope = math.log(coarse.error / within.error) / math.log(within.steps / coarse.steps)
+        steps = min(steps, math.ceil(coarse.steps * (coarse.error / tolerance) ** (1 / slope) / _SAFETY))
+    return [(within.seconds * steps / within.steps, within.method, steps)]
 
 
 def candidates(
@@ -235,8 +366,8 @@ def _limit_of_step(case: Case, trials: Sequence[Trial], best: Trial) -> str:
 
 def _why_none(case: Case, tolerance: float, candidates: Collection[Candidate], change: float) -> str:
     """Why there is no recommendation; `change` is the least change of the end by halving a step."""
-    runs = [(steps, run.ok) for candidate in candidates for steps, run in candidate.runs.items()]
-    most, failed = max(steps for steps, _ in runs), not all(ok for _, ok in runs)
+    runs = [run for candidate in candidates for run in candidate.runs]
+    most, failed = max(run.steps for run in runs), not all(run.ok for run in runs)
     tried = f"with up to {most} steps of {case.span / most:.1e}"
     rate, stiff = _stiffness(case)
     if not math.isfinite(rate):
@@ -246,9 +377,8 @@ def _why_none(case: Case, tolerance: float, candidates: Collection[Candidate], c
     if math.isinf(change):
         return f"every run failed, {tried}; check the torque for NaN during the motion."
     return (
-        f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still "
-        f"changes the end by {change:.1e}. Use a larger tolerance, a shorter duration (if "
-        "the motion is chaotic), or float64."
+        f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still changes the end by "
+        f"{change:.1e}. Use a larger tolerance, a shorter duration (if the motion is chaotic), or float64."
     )
 
 
@@ -276,3 +406,50 @@ def _stiffness(case: Case) -> tuple[float, str]:
 
 def _exact_method(body: Body) -> Method:
     return find_method(f"{exact_flight(body).name}[EA]")
+
+
+def one_direction(case: Case) -> DirectionState | None:
+    """The start as a `DirectionState` with the same motion of the momentum; None if unknown, or if it has no attitude.
+
+    The torque is called on a `DirectionState` that records the space directions it reads. Let them all be the same, d.
+    If at random attitudes R and several times the torque is the same with R^T d as with R, it reads d alone.
+    """
+    body, torque, start, t0, span, _ = case
+    if torque is None or type(start) is not RigidState:
+        return None
+    function, dtype, asked = on_body(torque, body), start.momentum.dtype, list[Any]()
+    least = _TOLERANCE * jnp.finfo(dtype).eps
+
+    class Asked(DirectionState):
+        """A state that records the directions that a torque reads."""
+
+        def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+            asked.append(vector)
+            return super().seen_from_body(vector)
+
+        def vertical(self) -> cp.Vector:
+            asked.append((0.0, 0.0, 1.0))
+            return super().vertical()
+
+    try:
+        function(t0, Asked(start.momentum, so3.to_matrix(start.attitude)[2]))
+        if not asked or cp.is_traced(asked):
+            return None
+        vectors = np.array([[float(x) for x in vector] for vector in asked])
+        vectors = vectors[np.any(vectors != 0, axis=1)]
+        vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        if not len(vectors) or not np.all(np.abs(vectors - vectors[0]) <= least):
+            return None
+        d = jnp.asarray(vectors[0], dtype)
+        turns = np.random.default_rng(0).normal(size=(_ATTITUDES, 4))
+        attitudes = [start.attitude, *(jnp.asarray(q / np.linalg.norm(q), dtype) for q in turns)]
+        seen = [DirectionState(start.momentum, so3.rotate(so3.conjugate(attitude), d)) for attitude in attitudes]
+        for n, attitude in enumerate(attitudes):
+            t = t0 + jnp.asarray(span * n / _ATTITUDES, dtype)
+            whole = np.asarray(function(t, RigidState(start.momentum, attitude)))
+            found = np.asarray(function(t, seen[n]))
+            if not np.max(np.abs(found - whole)) <= least * np.max(np.abs(whole)):
+                return None
+        return seen[0]
+    except (AttributeError, TypeError, ValueError, NotImplementedError):  # a `DirectionState` lacks what it reads
+        return None

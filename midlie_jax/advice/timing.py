@@ -1,11 +1,9 @@
 """Timing of runs: the clocks, the median and the spread for all tables and charts of times.
 
-On the CPU the time of a run is the processor time of this process. Wall time would include the time of other programs,
-a factor of two or more on a busy machine. On one core of a quiet machine the two times agree. On several cores
-processor time is the sum over the threads: the cost of a run, not its duration. XLA moves a batch of hundreds of bodies
-on one thread at a time; with several cores it passes the batch from thread to thread, which takes time. Charts are
-therefore measured on one core (`one_core`). Work on an accelerator takes no processor time, so runs there use the wall
-clock.
+On the CPU the time of a run is the processor time of this process, the sum over its threads. Wall time would include
+the time of other programs, a factor of two or more on a busy machine; on one core of a quiet machine the two agree.
+XLA passes a batch of hundreds of bodies from thread to thread, which takes time with several cores, so charts are
+measured on one core (`one_core`). Work on an accelerator takes no processor time, so runs there use the wall clock.
 """
 
 import contextlib
@@ -22,10 +20,7 @@ _BUSY = 0.85  # the machine was busy if this process got a smaller share of its 
 
 
 class Clock(NamedTuple):
-    """Attributes:
-    name: the kind of time, for charts and tables.
-    read: the time in seconds, from an arbitrary origin.
-    """
+    """A clock: the kind of time, for charts and tables, and a function that reads it in seconds."""
 
     name: str
     read: Callable[[], float]
@@ -74,11 +69,9 @@ class Stopwatch:
         return Timing(middle, (high - low) / (2 * middle))
 
 
-def timed(
-    run: Callable[[], Any], *, least: int = 2, most: int = 5, longest: float = math.inf, clock: Clock | None = None
-) -> tuple[Any, Timing]:
-    """The last result of several consecutive runs, and their timing; see `timed_in_turn`."""
-    return timed_in_turn([run], least=least, most=most, longest=longest, clock=clock)[0]
+def timed(run: Callable[[], Any], **options: Any) -> tuple[Any, Timing]:
+    """The last result of several consecutive runs, and their timing; options as for `timed_in_turn`."""
+    return timed_in_turn([run], **options)[0]
 
 
 def timed_in_turn(
@@ -133,9 +126,8 @@ class Load:
         if share > _BUSY:
             return ""
         return (
-            f"The machine was busy: this process had {share:.0%} of the requested processor time. "
-            "Only differences much larger than the spread are meaningful; measure again on a quiet "
-            "machine."
+            f"The machine was busy: this process had {share:.0%} of the requested processor time. Only differences "
+            "much larger than the spread are meaningful; measure again on a quiet machine."
         )
 
 

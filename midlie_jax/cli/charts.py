@@ -1,7 +1,6 @@
 """`midlie chart`: a table and a chart of errors against step, time and torque evaluations.
 
-`convergence_chart` draws Figure 1 of the paper, the errors of momentum and attitude against the step. Two more panels
-show the attitude error against its cost, in time and in torque evaluations.
+Two panels are Figure 1 of the paper; two more show the attitude error against its cost, in time and in evaluations.
 """
 
 import argparse
@@ -63,7 +62,6 @@ _RIVALS = {
 
 @one_core()
 def chart(options: argparse.Namespace) -> None:
-    """Measures on one core, prints the table and draws the chart."""
     require("matplotlib", "tqdm")
     scene = chosen.scene(options.scene)
     if scene.start.several:
@@ -199,7 +197,6 @@ def _looks(names: Sequence[str]) -> dict[str, Style]:
 
 
 def _draw(axes: Any, lines: dict[str, list[Row]], looks: dict[str, Style], across: str, error: str) -> None:
-    """Draws one attribute of the rows against another."""
     axes.set(xscale="log", yscale="log")
     for index, (name, rows) in enumerate(lines.items()):
         style = looks[name]

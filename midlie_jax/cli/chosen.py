@@ -39,11 +39,6 @@ def method(chosen: str | Method) -> Method:
     return found
 
 
-def origin(chosen: str) -> str:
-    """Origin of a chosen method for a file: MODULE:NAME or the name of this package."""
-    return chosen if ":" in chosen else "midlie_jax"
-
-
 def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
     """The chosen methods, which must support the body, by default rigid bodies; each is listed once."""
     found: dict[str, Method] = {}
@@ -75,28 +70,26 @@ def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
 
 def _own(chosen: Any, kind: type, word: str) -> Any:
     """The object MODULE:NAME, or the object itself; `kind` and `word` describe the required kind of object."""
-    found, name = (_named(chosen, kind, word), chosen) if isinstance(chosen, str) else (chosen, word)
+    found = chosen
+    if isinstance(chosen, str):
+        module, _, name = chosen.partition(":")
+        if not (module and name):
+            raise ValueError(f"{chosen!r} must be MODULE:NAME, as in my_module:my_{word}.")
+        if module.endswith(".py"):
+            raise ValueError(f"{chosen!r} names a file; write {module[:-3].replace(os.sep, '.').strip('.')}:{name}.")
+        found = _imported(module, name)
+        for part in name.split("."):
+            if not hasattr(found, part):
+                known = ", ".join(sorted(key for key, value in vars(found).items() if isinstance(value, kind)))
+                raise ValueError(f"module {module!r} has no {name!r}; its {word}s are {known or 'none'}.")
+            found = getattr(found, part)
     if kind is Method and isinstance(found, Flight):
         raise ValueError(f"{chosen} is a flight; make a method of it: midlie_jax.method({chosen.split(':')[1]}, 'EA').")
     if not isinstance(found, kind):
         what = described(found)
         article = "" if what.startswith("an ") else "an " if what[0].lower() in "aeiou" else "a "
+        name = chosen if isinstance(chosen, str) else word
         raise ValueError(f"{name} is {article}{what}, not a {word}; see docs/extending.md.")
-    return found
-
-
-def _named(text: str, kind: type, word: str) -> Any:
-    module, _, name = text.partition(":")
-    if not (module and name):
-        raise ValueError(f"{text!r} must be MODULE:NAME, as in my_module:my_{word}.")
-    if module.endswith(".py"):
-        raise ValueError(f"{text!r} names a file; write {module[:-3].replace(os.sep, '.').strip('.')}:{name}.")
-    found = _imported(module, name)
-    for part in name.split("."):
-        if not hasattr(found, part):
-            known = ", ".join(sorted(key for key, value in vars(found).items() if isinstance(value, kind)))
-            raise ValueError(f"module {module!r} has no {name!r}; its {word}s are {known or 'none'}.")
-        found = getattr(found, part)
     return found
 
 

@@ -1,8 +1,7 @@
 """Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
 
 All methods are timed in turn, so a temporary slowdown of the machine widens the spread of all times instead of
-distorting one. Step and number of steps are arguments of the compiled program, so one compilation serves the whole
-ladder of a method. Only the first steps of a run are timed, the same number on every rung.
+distorting one. Only the first steps of a run are timed, the same number on every rung.
 """
 
 import math
@@ -92,7 +91,7 @@ def survey(
     """
     rows, runs = list[Row](), dict[int, Callable[[], Any]]()
     for method in chosen.methods(methods, scene.body):
-        program, failure, before = None, "", None
+        program, failure, before = None, "", Row(method.name, math.nan, 0)
         for steps in rungs:
             row = Row(method.name, scene.duration / steps, steps, failure=failure)
             try:
@@ -119,7 +118,7 @@ def survey(
     return rows, rounds
 
 
-def _measured(program: Program, scene: Scene, row: Row, before: Row | None, reference: Reference) -> Row:
+def _measured(program: Program, scene: Scene, row: Row, before: Row, reference: Reference) -> Row:
     """The row with its errors; `before` is the row of the rung before."""
     state, ok = _end(program, row.dt, row.steps)
     momentum = float(np.linalg.norm(state.momentum - reference.momentum))
@@ -128,8 +127,8 @@ def _measured(program: Program, scene: Scene, row: Row, before: Row | None, refe
     return row._replace(
         momentum_error=momentum,
         attitude_error=attitude,
-        momentum_slope=_slope(before.momentum_error if before else math.nan, momentum),
-        attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
+        momentum_slope=_slope(before.momentum_error, momentum),
+        attitude_slope=_slope(before.attitude_error, attitude),
         evaluations=0 if scene.torque is None else program.method.evaluations * row.steps,
         ok=ok,
         position_error=math.nan if place is None else float(np.linalg.norm(state.position - place)),
@@ -138,10 +137,8 @@ def _measured(program: Program, scene: Scene, row: Row, before: Row | None, refe
 
 def find_reference(scene: Scene, finest: int) -> Reference:
     """The end of a scene: by Taylor series for a free body or a heavy top, otherwise by extrapolation."""
-    exact = _exact(scene)
-    if exact is not None:
-        return exact
-    return _extrapolated(scene, finest) if isinstance(scene.body, RigidBody) else _much_finer(scene, finest)
+    other = _extrapolated if isinstance(scene.body, RigidBody) else _much_finer
+    return _exact(scene) or other(scene, finest)
 
 
 def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
@@ -155,12 +152,9 @@ def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
     return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
 
 
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    return np.asarray(so3.to_matrix(jnp.asarray(quaternion)))
-
-
 def _pose(state: Any) -> np.ndarray:
-    return _matrix(np.asarray(state.attitude)) if hasattr(state, "attitude") else np.asarray(state.axis)
+    """The rotation matrix of a state, or its axis."""
+    return np.asarray(so3.to_matrix(jnp.asarray(state.attitude)) if hasattr(state, "attitude") else state.axis)
 
 
 def _slope(coarse: float, fine: float) -> float:
@@ -232,7 +226,7 @@ def _extrapolated(scene: Scene, finest: int) -> Reference:
             change = np.abs(row[-1] - above[-1])
             uncertainty = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
     momentum, attitude = row[-1][:3], row[-1][3:]
-    matrix = _matrix(attitude / np.linalg.norm(attitude))
+    matrix = np.asarray(so3.to_matrix(jnp.asarray(attitude / np.linalg.norm(attitude))))
     return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {counts[-1]} steps", uncertainty)
 
 

@@ -1,34 +1,34 @@
 """`midlie fit`: moments of inertia and initial rates of a free body from its instruments, in one file or two.
 
-The guess comes from the measured rates alone, without a run: Euler's equations, integrated over windows.
-I (Omega(t + w) - Omega(t)) = integral of (I Omega) x Omega from t to t + w, for all windows of one length w, is a small
-least-squares problem in the ratios of the moments and, if requested, the bias. No motion is integrated, so the distant
-minima of a fit of the whole motion do not occur.
+`free_flight` finds the part of a record to fit. It and the guess need only the measured rates and Euler's equations,
+integrated over windows. I (Omega(t + w) - Omega(t)) = integral of (I Omega) x Omega from t to t + w, for all windows of
+one length w, is a small least-squares problem in the ratios of the moments and, if requested, the bias. No motion is
+integrated, so the distant minima of a fit of the whole motion do not occur.
 """
 
 import argparse
 from copy import copy
 from functools import reduce
+from itertools import pairwise
 from operator import mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.ndimage import median_filter  # SciPy comes with JAX
+from scipy.interpolate import CubicSpline  # SciPy comes with JAX
+from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ..fitting import Attitudes, Directions, Fit, Free, Moments, Rates, UnitQuaternion, UnitVector, states_at
 from ..fitting import fit as run_fit
 from ..fitting.checks import check_conventions
-from ..fitting.noise import Doubt
 from ..model.bodies import RigidBody
 from ..model.states import DirectionState, MomentumState, RigidState
 from ..plot.style import BLUE, GREEN, VERMILLION
 from .figures import heading, new_figure, panel, write
 from .fit_data import UNITS_OF_RATE, Table, check_rates, read
-from .flight import FINE, MOST_POINTS, free_flight, windows
 from .tables import require
 
 _TURN = 0.5  # largest rotation per step, radians
@@ -44,6 +44,13 @@ _ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (
 _TOTAL = 5.5  # the sum of the moments
 _WINDOW = 1.0  # rotation of the body per window, radians
 _UNIT_LENGTH = 1e-3  # the largest error of the length of a quaternion
+_FINE, _MOST_POINTS = 0.05, 200_000  # radians between two points of an integral, and the largest number of points
+_PER_WINDOW = 8  # windows that begin within the length of one
+_GAP = 0.3  # radians: with denser rows elsewhere, a longer rotation between two rows is a gap in the record
+_TURN_OF_SEARCH = 0.5  # radians per window of the search for the free flight
+_LEFT, _NOISE = 0.05, 6.0  # unexplained changes: the share of the usual speed, and standard deviations of the noise
+_SLOWEST = 0.2  # no flight is searched where the speed is below this share of the largest
+_WHOLE = 2 * np.pi  # the least rotation in a flight, radians
 
 
 class Problem(NamedTuple):
@@ -57,19 +64,8 @@ class Problem(NamedTuple):
     tracker: Table | None
     begin: float  # the first time of all, the time of the start
 
-    @property
-    def clock(self) -> bool:
-        """Whether the clock of the magnetometer is also found."""
-        return self.options.magnetometer_clock == "fitted"
-
-    @property
-    def unit(self) -> float:
-        """The unit of the rates in the file, in rad/s."""
-        return UNITS_OF_RATE[self.options.unit]
-
 
 def fit(options: argparse.Namespace) -> None:
-    """Fits the data, prints the estimates, and writes a chart if requested."""
     if options.out:
         require("matplotlib")
     problem = _problem(options)
@@ -79,16 +75,12 @@ def fit(options: argparse.Namespace) -> None:
         _draw(problem, result)
     told = ([] if result.ok else [result.message.rstrip(".")]) + _doubts(problem, result)
     if told:
-        raise ValueError(f"not ok: {'; '.join([*told, *_cures(options, result)])}")
-
-
-def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
-    if result.ok and result.doubts == [result.aliases]:
-        return []
-    cures = [] if options.bias else ["try --bias"]
-    if options.first is options.last is None:
-        cures.append("if the file holds more than a free flight, give --from and --to")
-    return [" or, ".join(cures)] if cures else []
+        cures = [] if options.bias else ["try --bias"]
+        if options.first is options.last is None:
+            cures.append("if the file holds more than a free flight, give --from and --to")
+        if cures and not (result.ok and result.doubts == [result.aliases]):
+            told.append(" or, ".join(cures))
+        raise ValueError(f"not ok: {'; '.join(told)}")
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -193,9 +185,8 @@ def _check_overlap(options: argparse.Namespace, table: Table, field: Table) -> N
     if before > _BEFORE:
         first = field.lines[np.searchsorted(field.times, table.times[0])]
         raise ValueError(
-            f"{options.magnetometer_data} begins {table.times[0] - field.times[0]:g} s before "
-            f"{options.data}, in which the body rotates by {before:.3g} radians; remove the rows "
-            f"before line {first}, or {units}."
+            f"{options.magnetometer_data} begins {table.times[0] - field.times[0]:g} s before {options.data}, in which "
+            f"the body rotates by {before:.3g} radians; remove the rows before line {first}, or {units}."
         )
 
 
@@ -265,21 +256,18 @@ def _from(problem: Problem, moments: np.ndarray, bias: np.ndarray) -> Fit:
         start["field"] = UnitVector(first / np.linalg.norm(first))
         if options.hard_iron:
             start["iron"] = Free(iron)
-        if problem.clock:
+        if options.magnetometer_clock == "fitted":
             start["clock"] = Free(0.0)
     return run_fit(_model, start, problem.measurements, **problem.given)
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
-    lines = [one.lines for one in (problem.table, problem.field, problem.tracker) if one is not None]
-
-    def named(doubt: Doubt) -> str:
-        if doubt.measurement is None or not doubt.rows:
-            return doubt.text
-        places = [str(lines[doubt.measurement][row]) for row in doubt.rows]
-        return f"line{'s' if len(places) > 1 else ''} {', '.join(places)}: {doubt.text}"
-
-    return [named(doubt) for doubt in result.doubtful()]
+    lines, told = [one.lines for one in (problem.table, problem.field, problem.tracker) if one is not None], list[str]()
+    for doubt in result.doubtful():
+        places = [] if doubt.measurement is None else [str(lines[doubt.measurement][row]) for row in doubt.rows]
+        where = f"line{'s' if len(places) > 1 else ''} {', '.join(places)}: " if places else ""
+        told.append(f"{where}{doubt.text}")
+    return told
 
 
 def _print(problem: Problem, result: Fit) -> None:
@@ -291,7 +279,7 @@ def _print(problem: Problem, result: Fit) -> None:
         + (shown if table.zero else f"t = {shown} {options.time_unit or 's'}")
     )
     if options.magnetometer_data and problem.field is not None:
-        clock = "; clock: how far its clock is ahead, in s" if problem.clock else ""
+        clock = "; clock: how far its clock is ahead, in s" if options.magnetometer_clock == "fitted" else ""
         print(f"{options.magnetometer_data}: {len(problem.field.times)} directions of the field{clock}")
     print(_in_units_of_file(problem, result))
     if not options.sigma:
@@ -303,14 +291,13 @@ def _print(problem: Problem, result: Fit) -> None:
 
 def _in_units_of_file(problem: Problem, result: Fit) -> Fit:
     shown, rates = copy(result), [name.startswith(("rate[", "bias[")) for name in result.names]
-    scales = np.where(rates, 1 / problem.unit, 1.0)
+    scales = np.where(rates, 1 / UNITS_OF_RATE[problem.options.unit], 1.0)
     shown.coordinates, shown.intervals = result.coordinates * scales, result.intervals * scales[:, None]
     shown.covariance = result.covariance * np.outer(scales, scales)
     return shown
 
 
 def _draw(problem: Problem, result: Fit) -> None:
-    """Writes a PNG of the measured and the fitted rates, and of the residuals."""
     options, table, moments = problem.options, problem.table, np.asarray(result.values["moments"])
     body, _, start = _model(result.values)
     times = np.linspace(table.times[0] - problem.begin, table.times[-1] - problem.begin, 1000)
@@ -320,14 +307,14 @@ def _draw(problem: Problem, result: Fit) -> None:
     name = Path(options.data).name
     heading(figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements and the residuals.")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    unit = "sigma" if options.sigma else options.unit
+    unit, in_file = "sigma" if options.sigma else options.unit, UNITS_OF_RATE[options.unit]
     panel(above, "Angular velocity about the principal axes", "", f"Ω  [{options.unit}]")
     panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
     residuals = result.residuals()[0]
     for i, colour in enumerate((BLUE, VERMILLION, GREEN)):
         style = {"color": colour, "markersize": 4}
-        above.plot(problem.begin + times, curves[:, i] / problem.unit, color=colour, linewidth=1.2, label=f"Ω{i + 1}")
-        above.plot(table.times, table.values[:, i] / problem.unit, ".", **style)
+        above.plot(problem.begin + times, curves[:, i] / in_file, color=colour, linewidth=1.2, label=f"Ω{i + 1}")
+        above.plot(table.times, table.values[:, i] / in_file, ".", **style)
         below.plot(table.times, residuals[:, i], ".", **style)
     above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     write(figure, options.out)
@@ -392,7 +379,7 @@ def _turned_back(table: Table, bias: np.ndarray, begin: float, end: float) -> Ro
     """
     times, rates = table.complete
     rates = rates - bias
-    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / FINE, 1, MOST_POINTS))
+    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
     middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
     turns = np.stack([np.interp(middles, times, rates[:, i]) for i in range(3)], axis=1)
     return reduce(mul, Rotation.from_rotvec(turns * (end - begin) / count))
@@ -403,3 +390,89 @@ def _moments(logs: np.ndarray) -> np.ndarray:
     second = np.exp(np.append(logs, 0.0))
     second = second * (_TOTAL / 2 / second.sum())
     return second.sum() - second
+
+
+class Windows(NamedTuple):
+    """Windows of one length in a record of angular velocities."""
+
+    first: np.ndarray  # their beginnings, (m,)
+    last: np.ndarray  # their ends, (m,)
+    changes: np.ndarray  # of the rates, (m, 3)
+    products: np.ndarray  # the integrals of Omega2 Omega3, Omega3 Omega1 and Omega1 Omega2, (m, 3)
+    linear: np.ndarray  # the integrals of the rates, (m, 3)
+
+    @property
+    def spans(self) -> np.ndarray:
+        return self.last - self.first
+
+
+def windows(times: np.ndarray, rates: np.ndarray, turn: float) -> Windows:
+    """Windows in which the body rotates by at most `turn` radians, without those over a gap between the rows."""
+    speeds = np.linalg.norm(rates, axis=1)
+    fastest, gaps = np.max(speeds), np.diff(times)
+    count = int(np.clip((times[-1] - times[0]) * fastest / _FINE, 4 * len(times), _MOST_POINTS))
+    fine = np.linspace(times[0], times[-1], count)
+    values = CubicSpline(times, rates)(fine)
+    products = np.roll(values, -1, 1) * np.roll(values, -2, 1)
+    h = fine[1] - fine[0]
+    of_products, of_rates = (
+        np.vstack([np.zeros(3), np.cumsum((x[1:] + x[:-1]) * h / 2, axis=0)]) for x in (products, values)
+    )
+    width = int(np.clip(turn / fastest / h, 1, count // 3))
+    first = np.arange(0, count - width, max(1, width // _PER_WINDOW))
+    last = first + width
+    long = np.flatnonzero(gaps > max(_GAP / np.median(speeds), 4 * np.median(gaps)))
+    over = np.searchsorted(times[long], fine[last]) > np.searchsorted(times[long + 1], fine[first], side="right")
+    if not np.all(over):
+        first, last = first[~over], last[~over]
+    of = (of_products[last] - of_products[first], of_rates[last] - of_rates[first])
+    return Windows(fine[first], fine[last], values[last] - values[first], *of)
+
+
+def free_flight(times: np.ndarray, rates: np.ndarray) -> tuple[float, float] | None:
+    """The first and the last time of the free flight; None without a free rotation by one revolution.
+
+    It is the part with the largest rotation in which one set of factors k explains the changes of the rates by Euler's
+    equations, Omega1' = k1 Omega2 Omega3 and so on, in all windows of half a radian, to 5 % of the usual speed or to 6
+    standard deviations of the noise. The rates are about principal axes: the test allows 5 degrees between them and the
+    columns; at 10 degrees parts of a flight, or one in ten, are lost.
+
+    Args:
+        times, rates: (n,) and (n, 3), in seconds and rad/s, finite, and ascending without repetition.
+    """
+    noise = float(np.median(np.abs(np.diff(rates, 2, axis=0)))) / 0.6745 / np.sqrt(6)
+    seen = windows(times, median_filter(rates, (3, 1), mode="nearest"), _TURN_OF_SEARCH)
+    speeds = np.linalg.norm(seen.linear, axis=1) / seen.spans
+    turned = np.concatenate([[0.0], np.cumsum(speeds * np.diff(seen.first, append=seen.last[-1]))])
+    count, best, searched = len(speeds), (0, 0), np.zeros(len(speeds), bool)
+
+    def unexplained(fitted: slice, asked: slice) -> np.ndarray:
+        """The places of the windows that contradict the factors of other windows."""
+        squares = np.sum(seen.products[fitted] ** 2, axis=0)
+        factors = np.sum(seen.changes[fitted] * seen.products[fitted], axis=0) / np.maximum(squares, 1e-300)
+        off = np.max(np.abs(seen.changes[asked] - factors * seen.products[asked]), axis=1)
+        return asked.start + np.flatnonzero(off > max(_LEFT * np.median(speeds[fitted]), _NOISE * noise))
+
+    for seed in np.flatnonzero(speeds > _SLOWEST * np.max(speeds))[:: _PER_WINDOW // 2]:
+        part = slice(max(0, seed - _PER_WINDOW), min(count, seed + _PER_WINDOW))
+        if searched[seed] or unexplained(part, part).size:
+            continue
+        grown = None
+        while grown != part:
+            grown, more = part, max(_PER_WINDOW, (part.stop - part.start) // 4)
+            wider = slice(max(0, part.start - more), min(count, part.stop + more))
+            wrong = unexplained(part, wider)
+            begin = wrong[wrong < part.start].max(initial=wider.start - 1) + 1
+            part = slice(begin, wrong[wrong >= part.stop].min(initial=wider.stop))
+        ends = [part.start - 1, *unexplained(part, part), part.stop]
+        begin, end = max(((a + 1, b) for a, b in pairwise(ends)), key=lambda x: x[1] - x[0])
+        searched[begin:end] = True
+        if turned[end] - turned[begin] > turned[best[1]] - turned[best[0]]:
+            best = begin, end
+    begin, end = best
+    if turned[end] - turned[begin] < _WHOLE:
+        return None
+    margin = (seen.last[begin] - seen.first[begin]) / 2  # a window may extend beyond the flight
+    first = times[0] if begin == 0 else seen.first[begin] + margin
+    last = times[-1] if end == count else seen.last[end - 1] - margin
+    return float(first), float(last)

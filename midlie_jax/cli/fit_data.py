@@ -4,13 +4,15 @@ import argparse
 import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from itertools import takewhile
+from itertools import chain, permutations
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from .tables import is_number
 
 UNITS_OF_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 UNITS_OF_RATE = {"rad/s": 1.0, "deg/s": np.pi / 180}
@@ -83,7 +85,6 @@ class Table(NamedTuple):
         return times, whole.values[first]
 
     def within(self, first: float, last: float) -> "Table":
-        """The rows between two times in seconds."""
         return self.chosen((self.times >= first) & (self.times <= last))._replace(span=(first, last))
 
     def chosen(self, kept: np.ndarray) -> "Table":
@@ -103,11 +104,8 @@ class _Cells(NamedTuple):
 def read(options: argparse.Namespace) -> tuple[Table, Table | None, Table | None]:
     """The rates in a CSV file with a header, and the magnetometer and the star tracker, if requested.
 
-    Their columns are in the same file; the magnetometer may have a file of its own.
-
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Times
     are numbers or dates in ISO 8601. Lines that begin with # are comments, and a line `sep=;` may come first.
-    `options` belongs to `midlie fit`.
 
     Raises:
         ValueError: the file has no header, a column is missing or its name contradicts its use, a row does not have the
@@ -116,14 +114,7 @@ def read(options: argparse.Namespace) -> tuple[Table, Table | None, Table | None
     """
     path, tracker = options.data, options.tracker or []
     field = [] if options.magnetometer_data else options.magnetometer or []
-
-    def named(header: list[str]) -> list[str]:
-        names = [*(options.columns or header[:4]), *field, *tracker]
-        if len(names) < 4:
-            raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
-        return names
-
-    cells = _cells(path, named, "--columns")
+    cells = _cells(path, options.columns, [*field, *tracker], "--columns")
     if not options.columns:
         _check_order(path, cells.header, cells.names)
     unit = _unit_of_times(cells, options.time_unit, "--time-unit")
@@ -148,7 +139,7 @@ def read(options: argparse.Namespace) -> tuple[Table, Table | None, Table | None
 def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> float:
     if text is None:
         return -np.inf if option == "--from" else np.inf
-    if _is_number(text):
+    if is_number(text):
         return float(text) * unit
     moment = Moment.of(option, text)
     if moment is None:
@@ -159,7 +150,7 @@ def _bound(option: str, text: str | None, unit: float, zero: Moment | None) -> f
 def _own_file(options: argparse.Namespace, zero: Moment | None) -> Table:
     """The measurements of a magnetometer in its own CSV file; `zero` is of the rates' `Table`."""
     path, names = options.magnetometer_data, [options.magnetometer_time, *options.magnetometer]
-    cells = _cells(path, lambda header: names, "--magnetometer-time and --magnetometer")
+    cells = _cells(path, names, [], "--magnetometer-time and --magnetometer")
     unit = _unit_of_times(cells, options.magnetometer_time_unit, "--magnetometer-time-unit")
     if zero is not None and cells.zero is None:
         raise ValueError(f"{path} must have dates as times, as the file of the rates has; got numbers.")
@@ -169,13 +160,15 @@ def _own_file(options: argparse.Namespace, zero: Moment | None) -> Table:
     return Table(cells.numbers[:, 0] * unit + since, cells.numbers[:, 1:], cells.lines)
 
 
-def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
-    text = _text(path)
-    rows = _rows(path, text)
+def _cells(path: str, columns: list[str] | None, more: list[str], options: str) -> _Cells:
+    """The cells of these columns, by default of the first four, and of more; `options` choose them."""
+    text, rows = _rows(path)
     if len(rows) < 2:
         raise ValueError(f"{path} has no rows of data below a header.")
     (line, header), cells = rows[0], rows[1:]
-    names = named(header)
+    names = [*(columns or header[:4]), *more]
+    if len(names) < 4:
+        raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
     places = _places(path, line, header, names, options)
     commas, zero = _separator(text) != ",", None
     table = np.full((len(cells), len(places)), np.nan)
@@ -195,16 +188,6 @@ def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> 
     return _Cells(header, names, table, lines, zero)
 
 
-def _text(path: str) -> str:
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path} is not text in UTF-8; save it as CSV in UTF-8.") from None
-    if "\0" in text:
-        raise ValueError(f"{path} is not text: line {text[: text.index(chr(0))].count(chr(10)) + 1} holds a zero byte.")
-    return text
-
-
 def _separator(text: str) -> str:
     first = next((line for line in text.splitlines() if line.strip() and not _is_comment(line)), "")
     return max(",;\t", key=first.count)
@@ -214,7 +197,14 @@ def _is_comment(line: str) -> bool:
     return bool(re.match(r"\s*\"?(#|sep=)", line, re.IGNORECASE))
 
 
-def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
+def _rows(path: str) -> tuple[str, list[tuple[int, list[str]]]]:
+    """The text of a file, and its rows of cells with the numbers of their lines."""
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is not text in UTF-8; save it as CSV in UTF-8.") from None
+    if "\0" in text:
+        raise ValueError(f"{path} is not text: line {text[: text.index(chr(0))].count(chr(10)) + 1} holds a zero byte.")
     found: list[tuple[int, list[str]]] = []
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
     try:
@@ -223,12 +213,12 @@ def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
                 found.append((reader.line_num, [cell.strip() for cell in row]))
     except csv.Error as error:
         raise ValueError(f"{path}, line {reader.line_num}: {error}.") from None
-    return found
+    return text, found
 
 
 def _places(path: str, line: int, header: list[str], names: list[str], options: str) -> list[int]:
     known = ", ".join(header)
-    if any(_is_number(name) for name in header):
+    if any(is_number(name) for name in header):
         raise ValueError(
             f"{path}, line {line}: numbers in place of column names; write a header above them, such as t,wx,wy,wz."
         )
@@ -245,17 +235,11 @@ def _check_order(path: str, header: list[str], names: list[str]) -> None:
     elsewhere = [name for name in header[1:] if _is_time(name)]
     if elsewhere and not _is_time(names[0]):
         raise ValueError(f"{path} has the time in column {elsewhere[0]!r}, not in the first, {names[0]!r}; {cure}")
-    endings = [name.lower() for name in names[1:]]
-    begin, end = _common(endings), _common([name[::-1] for name in endings])[::-1]
-    parts = [re.sub(f"^{re.escape(begin)}|{re.escape(end)}$", "", name) for name in endings]
-    for order in _ORDERS:
-        if sorted(parts) == sorted(order) and parts != list(order):
+    rates = "\n".join(names[1:]).lower()
+    for first, second, third in chain.from_iterable([*permutations(order)][1:] for order in _ORDERS):
+        # What comes before and after the letter of the axis is the same in all three names.
+        if re.fullmatch(rf"(.*){first}(.*)\n(?:\1){second}\2\n(?:\1){third}\2", rates):
             raise ValueError(f"{path} has the rates in the order {', '.join(names[1:])}; {cure}")
-
-
-def _common(words: list[str]) -> str:
-    same = takewhile(lambda letters: len(set(letters)) == 1, zip(*words, strict=False))
-    return "".join(letters[0] for letters in same)
 
 
 def _is_time(name: str) -> bool:
@@ -283,35 +267,22 @@ def _check_unit(name: str, known: dict[str, tuple[str, ...]], unit: str, option:
 
 
 def _check_length(path: str, line: int, header: list[str], row: list[str]) -> None:
+    counted = f"{path}, line {line} has {len(row)} cells and the header {len(header)}"
     if len(row) < len(header) and any(header[len(row) :]):
-        raise ValueError(
-            f"{path}, line {line} has {len(row)} cells and the header {len(header)}: the row is "
-            "truncated; complete it or delete it."
-        )
+        raise ValueError(f"{counted}: the row is truncated; complete it or delete it.")
     if any(row[len(header) :]):
-        raise ValueError(
-            f"{path}, line {line} has {len(row)} cells and the header {len(header)}; numbers with decimal commas need "
-            "semicolons between the cells."
-        )
+        raise ValueError(f"{counted}; numbers with decimal commas need semicolons between the cells.")
 
 
 def _number(where: str, cell: str, commas: bool) -> float:
     if cell.lower() in _MISSING:
         return np.nan
     text = cell.replace(",", ".") if commas else cell
-    if not _is_number(text):
+    if not is_number(text):
         raise ValueError(f"{where} must be a number, got {cell!r}.")
     if not np.isfinite(float(text)):
         raise ValueError(f"{where} must be finite, got {cell!r}; leave the cell empty if the value is missing.")
     return float(text)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text  # Python accepts 1_000
 
 
 def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray, texts: Sequence[str]) -> None:

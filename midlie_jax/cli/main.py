@@ -85,10 +85,7 @@ def _failed(message: str) -> int:
 
 
 class _ShowVersion(argparse.Action):
-    """`--version`, which looks the version up only when the option is used."""
-
-    def __init__(self, *args: Any, **given: Any):
-        super().__init__(*args, nargs=0, help="print the version and exit", **given)
+    """Prints the version, which it looks up only when the option is used."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         from importlib.metadata import PackageNotFoundError, version
@@ -108,10 +105,15 @@ class _Parser(argparse.ArgumentParser):
 
 
 def read(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a line."""
-    parser, commands = _parsers()
+    parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="print the version and exit")
+    parsers = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    commands: dict[str, argparse.ArgumentParser] = {}
+    for name, (_, add_options, text) in _COMMANDS.items():
+        commands[name] = parsers.add_parser(name, help=text, description=add_options.__doc__)
+        add_options(commands[name])
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
-        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(_COMMANDS))}")
+        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], list(commands))}")
     if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions; see docs/start.md
         import argcomplete
 
@@ -134,12 +136,3 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
 def _choice(name: str, known: Sequence[str]) -> str:
     close = get_close_matches(name, known, n=1)
     return f"did you mean {close[0]}?" if close else f"choose from {', '.join(known)}"
-
-
-def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
-    parser.add_argument("--version", action=_ShowVersion)
-    commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
-    for name, (_, add_options, text) in _COMMANDS.items():
-        add_options(commands.add_parser(name, help=text))
-    return parser, dict(commands.choices)

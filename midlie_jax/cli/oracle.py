@@ -8,6 +8,7 @@ figures and, for a free body, with the closed form.
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import reduce
 from operator import mul
 from typing import Any
 
@@ -104,7 +105,9 @@ def _advance(values: list[int], slow: list[int], torque: list[int], left: int, s
                 one.append(sign * (change >> _BITS) // (n + 1))
         sizes = [(n, max(_LEAST, max(abs(s[n]) for s in series) / 2.0**_BITS)) for n in (_ORDER - 1, _ORDER)]
         step = min(_fixed(Fraction(min((0.1 ** (DIGITS + 1) / size) ** (1 / n) for n, size in sizes))), left)
-        values = [_value(one, step) for one in series]
+        values = [
+            reduce(lambda value, coefficient: coefficient + (value * step >> _BITS), reversed(one)) for one in series
+        ]
         left -= step
     return values
 
@@ -116,10 +119,3 @@ def _convolved(a: Sequence[int], b: Sequence[int]) -> int:
 
 def _cross(a: Sequence[Any], b: Sequence[Any], product: Any) -> list[int]:
     return [product(a[i], b[j]) - product(a[j], b[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
-
-
-def _value(series: list[int], step: int) -> int:
-    value = 0
-    for coefficient in reversed(series):
-        value = coefficient + (value * step >> _BITS)
-    return value

@@ -10,7 +10,7 @@ import numpy as np
 from ..drivers.path import columns, named
 from ..model.bodies import RigidBody
 from ..model.states import AxisState, TravellingState
-from ..model.torques import Sum, UniformGravity
+from ..model.torques import UniformGravity, terms_of
 from ..plot.conservation import Change, balanced, energy_change, linear_change, momentum_change
 from ..plot.style import colours_of
 from ..simulation.attributes import versions
@@ -119,20 +119,10 @@ def save(record: Record, path: str) -> None:
 def _save_npz(record: Record, path: str) -> None:
     scene, start, body = record.scene, record.scene.start, record.scene.body
     parts: dict[str, Any] = {
-        "times": record.times,
-        "ok": record.ok,
-        "scene": scene.name,
-        "title": scene.title,
-        "source": scene.source,
-        "units": scene.units,
-        "method": record.method,
-        "method_from": record.method_from,
-        "dt": record.dt,
-        "steps": record.steps,
-        "dtype": record.dtype,
+        **{name: getattr(record, name) for name in ("times", "ok", "method", "method_from", "dt", "steps", "dtype")},
+        **dict(zip(SCENE, (scene.name, record.size, record.seed), strict=True)),
+        **{name: getattr(scene, name) for name in ("title", "source", "units")},
         "bodies": len(record.ok),
-        "perturbation_size": record.size,
-        "perturbation_seed": record.seed,
         "version": versions()["midlie_jax"],
         "jax_version": versions()["jax"],
     }
@@ -169,7 +159,7 @@ def _save_csv(record: Record, path: str) -> None:
 
 def _place_change(mass: Any, torque: Any, times: np.ndarray, states: TravellingState) -> Change | None:
     """The distance from the parabola divided by the path length along its axes; None if the path has no closed form."""
-    terms: tuple[Any, ...] = torque.terms if isinstance(torque, Sum) else () if torque is None else (torque,)
+    terms: list[Any] = terms_of(torque)
     if not all(isinstance(term, UniformGravity) for term in terms):
         return None
     x, p = (np.asarray(v, np.float64) for v in (states.position, states.linear))

@@ -37,7 +37,6 @@ _MOST_CHECKED = 1000  # bodies whose step is checked before the run
 
 
 def run(options: argparse.Namespace) -> None:
-    """Integrates the scene and prints the report; writes a file and a chart if requested."""
     if options.plot:
         require("matplotlib")
     dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
@@ -46,6 +45,7 @@ def run(options: argparse.Namespace) -> None:
         scene = replace(scene, name=options.scene)
     options.method = options.method or scene.method
     method = chosen.method(options.method)
+    options.method_from = options.method if ":" in options.method else "midlie_jax"
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
     load = Load()
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
-    record = record._replace(method_from=chosen.origin(options.method))
+    record = record._replace(method_from=options.method_from)
     _report(record, checked, compile_seconds, timing, load)
     if options.out:
         save(record, options.out)
@@ -172,7 +172,6 @@ def _end(record: Record) -> list[tuple[str, str]]:
 
 
 def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
-    """Runs the scene into a store, or resumes the run there, and prints the summary."""
     devices = jax.devices()[: options.devices] if options.devices else []
     if options.devices and len(devices) < options.devices:
         raise ValueError(f"there are {len(devices)} devices, but --devices requires {options.devices}.")
@@ -191,7 +190,7 @@ def _long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: flo
         mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
         attributes={
             "title": f"{scene.name}: {scene.title}",
-            "method_from": chosen.origin(options.method),
+            "method_from": options.method_from,
             **dict(zip(SCENE, (scene.name, options.size, options.seed), strict=True)),
         },
     )

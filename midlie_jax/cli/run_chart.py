@@ -1,8 +1,7 @@
 """Charts of runs: of a scene, from the record of `midlie run`, and of any store.
 
-The chart of a scene shows the changes of energy and momentum, angular velocities, and the path of an axis of the body;
-for a translating body also the path of its centre of mass and the change of its linear momentum. The chart of a store
-shows its content against time, lag or frequency, for a few bodies and for all.
+The chart of a scene shows the changes of energy and momenta, angular velocities, and the paths of an axis of the body
+and of its centre of mass. The chart of a store shows its content against time, lag or frequency.
 """
 
 import math
@@ -37,7 +36,6 @@ _COLUMNS = 3
 
 
 def run_figure(record: Record) -> Any:
-    """The chart of a run of a scene."""
     travels = bool(record.travel)
     figure = new_figure(19.0 if travels else 13.0, 10.0)
     count, failed = len(record.ok), int(np.sum(~record.ok))

@@ -36,7 +36,6 @@ _OF_MESSAGE = (*_NEEDED, "center_name", "spin", "aem_version")
 
 
 def inspect(options: argparse.Namespace) -> None:
-    """Checks a store, prints what it holds and its errors, and draws it if requested."""
     require("zarr")
     if options.plot:
         require("matplotlib")
@@ -77,7 +76,6 @@ def _record(found: Inspection) -> Record | None:
 
 
 def view(options: argparse.Namespace) -> None:
-    """Writes the picture, and opens it if requested."""
     gif = options.out.lower().endswith(".gif")
     of_gif = {name: getattr(options, name) for name in _OF_GIF if getattr(options, name) is not None}
     if of_gif and not gif:
@@ -162,7 +160,6 @@ def export(options: argparse.Namespace) -> None:
 
 
 def _message(options: argparse.Namespace) -> None:
-    """Writes an Attitude Ephemeris Message of the valid states."""
     lacking = [_option(name) for name in _NEEDED if not getattr(options, name)]
     if lacking:
         raise ValueError(f"--format aem needs {', '.join(lacking)}, which the run does not contain.")

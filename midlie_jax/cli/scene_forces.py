@@ -51,13 +51,9 @@ class Pulse(eqx.Module):
     """A constant torque switched on and off, for `Prescribed`.
 
     At a switch the torque is the mean of the values on both sides, so that steps that end there keep second order.
-
-    Attributes:
-        torque: the torque between the switches, (3,), body frame.
-        on, off: times of the switches, on < off.
     """
 
-    torque: Float[Array, "3"]
+    torque: Float[Array, "3"]  # between the switches, body frame
     on: float = eqx.field(static=True)
     off: float = eqx.field(static=True)
 
@@ -80,20 +76,13 @@ class Blades(ReadsBody):
     is strength/radius * U (lift U - slope W), and its drag is strength/radius * drag U^2. U = spin r + v . (n x r^),
     where v is the velocity of the body and r^ points along the blade. The advancing blade therefore has more lift: the
     axis precesses and the path bends. Stall and wake are neglected.
-
-    Attributes:
-        strength: half the density of air times the chord, the number and the length of the blades, (), mass/length.
-        radius: length of a blade, ().
-        lift: coefficient of lift of a blade that moves in its plane, ().
-        slope: decrease of this coefficient with W/U, (), 1/radian.
-        drag: coefficient of drag, ().
     """
 
-    strength: Float[Array, ""]
-    radius: Float[Array, ""]
-    lift: Float[Array, ""]
-    slope: Float[Array, ""]
-    drag: Float[Array, ""]
+    strength: Float[Array, ""]  # half the density of air times the chord, the number and the length, mass/length
+    radius: Float[Array, ""]  # length of a blade
+    lift: Float[Array, ""]  # coefficient of lift of a blade that moves in its plane
+    slope: Float[Array, ""]  # decrease of this coefficient with W/U, 1/radian
+    drag: Float[Array, ""]  # coefficient of drag
 
     @property
     def velocity_dependent(self) -> bool:
@@ -149,11 +138,10 @@ class Waters(Torque):
         del t
         places = sites(state, jnp.asarray(WATER.points, state.position.dtype))
         charges = jnp.asarray(_COULOMB * np.outer(_CHARGES, _CHARGES), places.dtype)
-        energies = [_of_pair(places[i], places[j], charges) for i, j in combinations(range(len(places)), 2)]
+        energies = list[Array]()
+        for i, j in combinations(range(len(places)), 2):
+            first, second = places[i], places[j]
+            distances = jnp.sqrt(jnp.sum((first[:, None] - second[None]) ** 2, axis=-1))
+            sixth = (_SIGMA / distances[0, 0]) ** 6
+            energies.append(jnp.sum(charges / distances) + 4 * _DEPTH * (sixth * sixth - sixth))
         return sum(energies[1:], start=energies[0])
-
-
-def _of_pair(first: Array, second: Array, charges: Array) -> Array:
-    distances = jnp.sqrt(jnp.sum((first[:, None] - second[None]) ** 2, axis=-1))
-    sixth = (_SIGMA / distances[0, 0]) ** 6
-    return jnp.sum(charges / distances) + 4 * _DEPTH * (sixth * sixth - sixth)

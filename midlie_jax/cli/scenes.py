@@ -1,13 +1,10 @@
 """Scenes: named test problems, each with a body, a torque, a start and a duration.
 
-They are the published test cases of the package, and a few others for pictures. Each scene is built in the requested
-dtype when needed, not on import. `perturbed` makes copies of the start of a scene.
+They are the published test cases of the package, and a few others for pictures. Each is built when needed.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
-from functools import partial
 from typing import Any
 
 import jax
@@ -16,8 +13,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import described
+from .._checks.arguments import described, unknown
 from ..asteroids.mutual_gravity import MutualGravity
+from ..integrators.registry import DEFAULT
 from ..model import so3
 from ..model.bodies import RigidBody, SymmetricRotor
 from ..model.free_body import FreeBody
@@ -30,49 +28,39 @@ from .scene_forces import WATER, Blades, PairPotential, Pulse, Waters
 
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _ANY_UNITS = "any consistent units"
+_Z_UP = "any consistent units; z up"
+_INERTIAL = "kg, m, s; space is Earth-centred inertial"
 _HERE = "chosen here, not published"
-_BRICK = np.array([0.00189422, 0.006211019, 0.007194665]), 0.155404754  # moments and mass, slug and ft
+_BRICK, _BRICK_MASS = np.array([0.00189422, 0.006211019, 0.007194665]), 0.155404754  # moments and mass, slug and ft
 _NESC = "NASA NESC six-degree-of-freedom check-case 2, as carried by nasa/simupy-flight"
 _TURN_OF_EARTH = 7.292115e-5  # rad/s
 _FOOT = 0.3048
+_HAIRER_VILMART = np.array([0.6, 0.8, 1.0])  # moments
+# NASA JEOD's verification case RUN_10A, kg, m and s: a satellite on a nearly circular orbit, Earth-centred inertial.
+_JEOD_MU, _JEOD_MOMENTS = 3.986004415e14, (500.0, 12250.0, 12250.0)
+_JEOD_POSITION, _JEOD_VELOCITY = (-4292653.41, 955168.47, 5139356.57), (109.649663, -7527.72649, 1484.521489)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A named test problem.
-
-    Attributes:
-        name: as in `scenes()`.
-        title: description in one line.
-        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `SymmetricRotor`, or a `FreeBody`;
-            or several coupled bodies.
-        torque: the torque on it, or None for a free body.
-        start: its state at time 0: a `RigidState`, an `AxisState`, a `FreeState`, a `FreeAxisState` or a
-            `CoupledState`.
-        dt: a step small enough that a picture of the motion by LIEMID[EA] shows no error.
-        duration: duration of the motion, a multiple of the step.
-        source: the source of the numbers.
-        units: the units of mass, length and time, and the space frame if it needs a definition.
-        axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the tensor
-            was given (see `RigidBody.from_tensor`); None if the body frame is the given frame.
-        method: the method of `midlie run`.
-    """
+    """A named test problem."""
 
     name: str
-    title: str
-    body: Any
-    torque: TorqueLike | None
-    start: Any
-    dt: float
-    duration: float
-    source: str
-    units: str
+    title: str  # description in one line
+    body: Any  # about its fixed point or its centre of mass; or several coupled bodies
+    torque: TorqueLike | None  # None for a free body
+    start: Any  # its state at time 0, of a kind of this package
+    dt: float  # a step small enough that a picture of the motion by LIEMID[EA] shows no error
+    duration: float  # a multiple of the step
+    source: str  # of the numbers
+    units: str  # of mass, length and time, and the space frame if it needs a definition
+    # For a body given by a full tensor: the principal axes, as columns, in the frame of the tensor; None if the body
+    # frame is the given frame.
     axes: Float[Array, "3 3"] | None = None
-    method: str = "JACOBI[EA]"
+    method: str = DEFAULT  # of `midlie run`
 
     @property
     def steps(self) -> int:
-        """Number of steps `dt` in `duration`."""
         return round(self.duration / self.dt)
 
     @property
@@ -81,43 +69,19 @@ class Scene:
         return units[-1].strip() if len(units) == 3 else ""
 
 
-class JEOD:
-    """NASA JEOD's verification case RUN_10A, kg, m and s: a satellite on a nearly circular orbit."""
-
-    mu = 3.986004415e14
-    moments = (500.0, 12250.0, 12250.0)
-    rates = (-1.97989570839746e-5, -0.001134281491669957, 0.0)  # body frame
-    position = (-4292653.41, 955168.47, 5139356.57)  # Earth-centred inertial
-    velocity = (109.649663, -7527.72649, 1484.521489)
-    to_body = (  # from inertial to body components
-        (-0.6443912270931274, 0.05284210190675609, 0.7628680480341864),
-        (-0.7615617871470506, -0.1345758407161209, -0.6339660776454052),
-        (0.06916350883930189, -0.9894933326514259, 0.1269620166955875),
-    )
-
-    @classmethod
-    def start(cls) -> tuple[np.ndarray, Any]:
-        """Momentum and attitude; an attitude is the inverse of the published matrix, from body to space."""
-        return np.array(cls.moments) * cls.rates, so3.from_matrix(jnp.asarray(cls.to_body).T)
-
-
 Made = tuple[Any, ...]  # the body, the torque and the start; and the principal axes of a body given by a full tensor
 _SCENES: dict[str, Callable[[], Scene]] = {}
 
 
 def _named(
-    name: str, title: str, times: tuple[float, float], source: str, units: str = _ANY_UNITS, method: str = ""
+    name: str, title: str, times: tuple[float, float], source: str, units: str = _ANY_UNITS, method: str = DEFAULT
 ) -> Callable[[Callable[[], Made]], Callable[[], Made]]:
-    """Decorator that registers a scene, from the function that makes it in the widest dtype.
-
-    `times` are the step and the duration.
-    """
+    """Registers a scene with this step and duration, from the function that makes it in the widest dtype."""
 
     def register(make: Callable[[], Made]) -> Callable[[], Made]:
         def made() -> Scene:
             body, torque, start, *axes = make()
-            own = {"method": method} if method else {}
-            return Scene(name, title, body, torque, start, *times, source, units, *axes, **own)
+            return Scene(name, title, body, torque, start, *times, source, units, *axes, method=method)
 
         _SCENES[name] = made
         return make
@@ -126,7 +90,6 @@ def _named(
 
 
 def scenes() -> list[str]:
-    """The names of all scenes."""
     return list(_SCENES)
 
 
@@ -142,10 +105,7 @@ def scene(name: str, dtype: Any = None) -> Scene:
             point, or not enabled in JAX.
     """
     if name not in _SCENES:
-        lower = {known.lower(): known for known in _SCENES}
-        close = get_close_matches(name.lower(), lower, n=1)
-        hint = f" Did you mean {lower[close[0]]!r}?" if close else ""
-        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.{hint}")
+        raise unknown("scene", name, _SCENES)
     widest = jnp.result_type(float)
     dtype = jnp.dtype(widest if dtype is None else dtype)
     if not jnp.issubdtype(dtype, jnp.floating):
@@ -161,8 +121,6 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
     """Perturbed copies of the start of a scene.
 
     Args:
-        scene: from `scene(name)`.
-        count: number of copies.
         size: standard deviation of each component of the perturbation: for a momentum relative to its norm, for the
             attitude a rotation vector in the body frame, radian, for an axis one in space, and for a position relative
             to the distance travelled per radian of rotation. Coupled bodies are perturbed separately.
@@ -229,20 +187,15 @@ def _rotation(vector: tuple[float, float, float]) -> np.ndarray:
     return np.append(np.cos(angle / 2), np.asarray(vector) * np.sinc(angle / (2 * np.pi)) / 2)
 
 
-_SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who follow Krysl, IJNME 63 (2005) 2171"
-
-
 def _top(tilt: float, spin: float) -> Made:
     """The top of scene P1, started with a tilt (radian) and a momentum `spin` about its axis."""
     return RigidBody([5.0, 5.0, 1.0]), HeavyTop(20.0), RigidState([0.0, 0.0, spin], _rotation((tilt, 0.0, 0.0)))
 
 
-def _top_named(name: str, title: str, tilt: float, spin: float, duration: float, source: str) -> None:
-    _named(name, title, (0.005, duration), source, "any consistent units; z up")(partial(_top, tilt, spin))
-
-
-_top_named("P1", "fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG)
-_top_named("P1-tilted", "fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG)
+_SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who follow Krysl, IJNME 63 (2005) 2171"
+_FIGURE_1 = "fast heavy top, nearly upright (Figure 1)"
+_named("P1", _FIGURE_1, (0.005, 10.0), _SIMO_WONG, _Z_UP)(lambda: _top(0.05, 50.0))
+_named("P1-tilted", "fast heavy top P1, tilted by .3", (0.005, 10.0), _SIMO_WONG, _Z_UP)(lambda: _top(0.3, 50.0))
 
 
 @_named(
@@ -258,15 +211,13 @@ def _krysl_block() -> Made:
     return RigidBody(moments), HeavyTop(2.74617216), start
 
 
-# A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
-_top_named(
+_named(
     "slow-top",
     "slow heavy top: too slow to spin upright, it swings down and up again",
-    0.05,
-    10.0,
-    20.0,
+    (0.005, 20.0),
     "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published",
-)
+    _Z_UP,
+)(lambda: _top(0.05, 10.0))  # a top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400
 
 
 @_named(
@@ -274,44 +225,32 @@ _top_named(
     "compass needle in a field: it swings about the field and spins slowly about its axis",
     (0.05, 20.0),
     "chosen here, not published: the frequency of small oscillations without spin is 2",
-    "any consistent units; z up",
+    _Z_UP,
 )
 def _compass() -> Made:
     start = RigidState([0.0, 0.0, 0.6], _rotation((0.05, 0.0, 0.0)))
     return RigidBody([1.0, 1.0, 1.2]), DipoleInField([0.0, 0.0, 4.0], [0.0, 0.0, 1.0]), start
 
 
-@_named(
+_named(
     "tumbling-brick",
     "tumbling brick without drag, in free fall",
     (0.05, 30.0),
     _NESC,
     "slug, ft, s; space is North-East-Down over the equator at longitude and time 0, not turning",
-)
-def _tumbling_brick() -> Made:
-    moments, _ = _BRICK
-    return RigidBody(moments), None, RigidState(moments * np.deg2rad([10.0, 20.0, 30.0]), _UPRIGHT)
-
-
-@_named(
+)(lambda: (RigidBody(_BRICK), None, RigidState(_BRICK * np.deg2rad([10.0, 20.0, 30.0]), _UPRIGHT)))
+_named(
     "dzhanibekov",
     "Dzhanibekov's body: it spins about its middle axis and turns over again and again",
     (0.005, 20.0),
     "moments of Hairer & Vilmart's driver; the spin is chosen here, not published",
-)
-def _dzhanibekov() -> Made:
-    moments = np.array([0.6, 0.8, 1.0])
-    return RigidBody(moments), None, RigidState(moments * [0.01, 10.0, 0.01], _UPRIGHT)
-
-
-@_named(
+)(lambda: (RigidBody(_HAIRER_VILMART), None, RigidState(_HAIRER_VILMART * [0.01, 10.0, 0.01], _UPRIGHT)))
+_named(
     "free-asymmetric",
     "free asymmetric body",
     (0.01, 10.0),
     "driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
-)
-def _free_asymmetric() -> Made:
-    return RigidBody([0.6, 0.8, 1.0]), None, RigidState([1.8, 0.4, -0.9], _UPRIGHT)
+)(lambda: (RigidBody(_HAIRER_VILMART), None, RigidState([1.8, 0.4, -0.9], _UPRIGHT)))
 
 
 @_named(
@@ -319,7 +258,7 @@ def _free_asymmetric() -> Made:
     "asymmetric heavy top with a strong torque: no symmetry and no closed form",
     (0.01, 10.0),
     _HERE,
-    "any consistent units; z up",
+    _Z_UP,
 )
 def _asymmetric_top() -> Made:
     attitude = np.array([0.8, 0.3, -0.4, 0.33])
@@ -340,24 +279,27 @@ def _bruls_cardona() -> Made:
     return RigidBody(moments), torque, RigidState(moments * [0.0, 150.0, -4.61538], _UPRIGHT)
 
 
-@_named(
-    "gravity-gradient-10",
-    "the same satellite over ten orbits",
-    (10.0, 55350.0),
-    "NASA JEOD, verification case RUN_10A",
-    "kg, m, s; space is Earth-centred inertial",
-)
-@_named(
-    "gravity-gradient",
-    "satellite in the Earth's gravity gradient, on a nearly circular orbit",
-    (10.0, 28800.0),
-    "NASA JEOD, verification case RUN_10A",
-    "kg, m, s; space is Earth-centred inertial",
-)
+def _jeod_start() -> tuple[np.ndarray, Any]:
+    """Momentum and attitude; an attitude is the inverse of the published matrix, from body to space."""
+    rates = [-1.97989570839746e-5, -0.001134281491669957, 0.0]  # body frame
+    to_body = [  # from inertial to body components
+        [-0.6443912270931274, 0.05284210190675609, 0.7628680480341864],
+        [-0.7615617871470506, -0.1345758407161209, -0.6339660776454052],
+        [0.06916350883930189, -0.9894933326514259, 0.1269620166955875],
+    ]
+    return np.array(_JEOD_MOMENTS) * rates, so3.from_matrix(jnp.asarray(to_body).T)
+
+
 def _gravity_gradient() -> Made:
-    orbit = KeplerOrbit(JEOD.position, JEOD.velocity, JEOD.mu)
-    torque = GravityGradient(JEOD.moments, orbit, orbit.mu)
-    return RigidBody(JEOD.moments), torque, RigidState(*JEOD.start())
+    orbit = KeplerOrbit(_JEOD_POSITION, _JEOD_VELOCITY, _JEOD_MU)
+    return RigidBody(_JEOD_MOMENTS), GravityGradient(_JEOD_MOMENTS, orbit, orbit.mu), RigidState(*_jeod_start())
+
+
+for _name, _title, _duration in (
+    ("gravity-gradient", "satellite in the Earth's gravity gradient, on a nearly circular orbit", 28800.0),
+    ("gravity-gradient-10", "the same satellite over ten orbits", 55350.0),
+):
+    _named(_name, _title, (10.0, _duration), "NASA JEOD, verification case RUN_10A", _INERTIAL)(_gravity_gradient)
 
 
 @_named(
@@ -385,10 +327,9 @@ def _pulsed_body() -> Made:
     "slug, ft, s; z up",
 )
 def _thrown_brick() -> Made:
-    moments, mass = _BRICK
-    momentum, linear = moments * [0.1, 12.0, 0.1], mass * np.array([15.0, 0.0, 32.174])
-    start = FreeState(momentum, _UPRIGHT, linear, [0.0, 0.0, 5.0])
-    return FreeBody(RigidBody(moments), mass), UniformGravity([0.0, 0.0, -32.174]), start
+    linear = _BRICK_MASS * np.array([15.0, 0.0, 32.174])
+    start = FreeState(_BRICK * [0.1, 12.0, 0.1], _UPRIGHT, linear, [0.0, 0.0, 5.0])
+    return FreeBody(RigidBody(_BRICK), _BRICK_MASS), UniformGravity([0.0, 0.0, -32.174]), start
 
 
 @_named(
@@ -399,12 +340,11 @@ def _thrown_brick() -> Made:
     "slug, ft, s; space is North-East-Down over the equator at time 0, from the Earth's centre, not turning",
 )
 def _dropped_brick() -> Made:
-    moments, mass = _BRICK
     mu, radius, j2 = 3.986004418e14 / _FOOT**3, 6378137.0 / _FOOT, 1.08262982e-3  # of WGS-84
     earth = PointMass(mu, gradient=False) + Oblateness(mu, radius, j2, [1.0, 0.0, 0.0], gradient=False)  # as published
     height = radius + 30000
-    momentum, linear = moments * np.deg2rad([10.0, 20.0, 30.0]), [0.0, mass * _TURN_OF_EARTH * height, 0.0]
-    return FreeBody(RigidBody(moments), mass), earth, FreeState(momentum, _UPRIGHT, linear, [0.0, 0.0, -height])
+    momentum, linear = _BRICK * np.deg2rad([10.0, 20.0, 30.0]), [0.0, _BRICK_MASS * _TURN_OF_EARTH * height, 0.0]
+    return FreeBody(RigidBody(_BRICK), _BRICK_MASS), earth, FreeState(momentum, _UPRIGHT, linear, [0.0, 0.0, -height])
 
 
 @_named(
@@ -430,13 +370,13 @@ def _boomerang() -> Made:
     (10.0, 28800.0),
     "body and orbit of NASA JEOD's verification case RUN_10A, which has no oblateness; the mass is chosen here, and J2 "
     "is that of JGM-3",
-    "kg, m, s; space is Earth-centred inertial",
+    _INERTIAL,
 )
 def _satellite() -> Made:
-    mass, mu = 1000.0, jnp.asarray(JEOD.mu)
-    start = FreeState(*JEOD.start(), mass * np.array(JEOD.velocity), JEOD.position)
+    mass, mu = 1000.0, jnp.asarray(_JEOD_MU)
+    start = FreeState(*_jeod_start(), mass * np.array(_JEOD_VELOCITY), _JEOD_POSITION)
     earth = PointMass(mu) + Oblateness(mu, 6378136.3, 1.0826357e-3)
-    return FreeBody(RigidBody(JEOD.moments), mass), earth, start
+    return FreeBody(RigidBody(_JEOD_MOMENTS), mass), earth, start
 
 
 @_named(
@@ -467,12 +407,8 @@ def _spherical_pendulum() -> Made:
 )
 def _binary_asteroid() -> Made:
     masses = np.array([532661512390.31647, 4995532430.186578])
-    moments = np.array(
-        [
-            [3.0787835416160292e16, 3.162944060573699e16, 3.324873160340355e16],
-            [10660065963959.85, 15001746242654.273, 16923273395857.004],
-        ]
-    )
+    primary = [3.0787835416160292e16, 3.162944060573699e16, 3.324873160340355e16]
+    moments = np.array([primary, [10660065963959.85, 15001746242654.273, 16923273395857.004]])
     spins = np.array([7.72269580528e-4, 1.46420239261e-4])[:, None] * np.array([[0.05, 0.0, 1.0], [0.0, 0.05, 1.0]])
     attitudes = [_UPRIGHT, (0.9952465414778341, 0.0870727897926938, 0.0434534024273578, 0.0038016801040236755)]
     share = masses[::-1] / masses.sum() * [-1, 1]  # shares of distance and velocity from first to second

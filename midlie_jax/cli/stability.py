@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from .._xla.compiler import compiler_options
-from ..advice.facts import FAST, Facts, stability_limits
+from ..advice.trials import FAST, Facts, stability_limits
 from ..drivers.integrate import integrate
 from ..integrators.base import Method
 from ..integrators.limits import resonance
@@ -43,19 +43,12 @@ _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inc
 _LEAST_ERROR = 1e-14
 # The colours of Okabe and Ito that are visible on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
-    "reach": {"label": "reach: largest turn a step", "color": ORANGE, "linestyle": "-", "linewidth": 2.2},
-    "stability": {
-        "label": "limit of h ω: unstable, or several solutions",
-        "color": VERMILLION,
-        "linestyle": (0, (4, 1.5)),
-        "linewidth": 2.2,
-    },
-    "resonance": {
-        "label": "nutation resonances h ω = π, π/2, π/3",
-        "color": "#FFFFFF",
-        "linestyle": (0, (1, 1.2)),
-        "linewidth": 1.6,
-    },
+    name: {"label": label, "color": colour, "linestyle": dash, "linewidth": width}
+    for name, label, colour, dash, width in (
+        ("reach", "reach: largest turn a step", ORANGE, "-", 2.2),
+        ("stability", "limit of h ω: unstable, or several solutions", VERMILLION, (0, (4, 1.5)), 2.2),
+        ("resonance", "nutation resonances h ω = π, π/2, π/3", "#FFFFFF", (0, (1, 1.2)), 1.6),
+    )
 }
 _NO_SOLUTION: dict[str, Any] = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "hatch": "////"}
 
@@ -185,59 +178,44 @@ def runs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`worst`, `failed` and `blown_up` of `Map` for n bodies, each with its moments, factor of the torque, and step."""
     span = min(_SPAN, number)
-    one = partial(_run, method.fitted(RigidBody(moments)), torque, -(-number // span), span)
+    spans, method = -(-number // span), method.fitted(RigidBody(moments))
+
+    def of_one(moments: Array, start: RigidState, factor: Array, dt: Array) -> tuple[Array, Array, Array]:
+        body = RigidBody(moments)
+        scaled = None if torque is None else Scaled(factor, torque)
+        first = energy(body, scaled, start)
+        kinetic = kinetic_energy(body, start)
+        scale = kinetic + abs(first - kinetic)
+
+        def take(carry: Any, n: Array) -> tuple[Any, None]:
+            """The worst error while it can be trusted, and whether a failed solve or a blow-up came first."""
+            state, worst, failed, blown_up = carry
+            path = integrate(method, body, scaled, state, dt=dt, steps=span, first_step=n * span)
+            errors = jnp.abs(energy(body, scaled, path.states) - first) / scale
+            trusted = jnp.arange(span + 1, dtype=jnp.int32) < path.first_bad
+            going_on = ~failed & ~blown_up
+            largest = jnp.max(jnp.where(trusted & jnp.isfinite(errors), errors, 0))
+            worst = jnp.where(going_on, jnp.maximum(worst, largest), worst)
+            infinite = ~jnp.all(jnp.isfinite(jnp.where(trusted, 0, jnp.sum(path.states.momentum, axis=-1))))
+            blows_up = going_on & ((largest >= BLOWN_UP) | infinite)
+            last = jax.tree.map(lambda leaf: leaf[-1], path.states)
+            return (last, worst, failed | (going_on & ~blows_up & ~path.ok), blown_up | blows_up), None
+
+        nothing = jnp.zeros((), bool)
+        carry = start, jnp.zeros_like(dt), nothing, nothing
+        return jax.lax.scan(take, carry, jnp.arange(spans, dtype=jnp.int32))[0][1:]
+
     arguments = moments, starts, factors, dt
-    options = compiler_options(len(moments))
-    compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=options)
+    compiled = jax.jit(jax.vmap(of_one)).lower(*arguments).compile(compiler_options=compiler_options(len(moments)))
     worst, failed, blown_up = map(np.asarray, compiled(*arguments))
     return worst, failed, blown_up
 
 
-def _run(
-    method: Method,
-    torque: Any,
-    spans: int,
-    span: int,
-    moments: Array,
-    start: RigidState,
-    factor: Array,
-    dt: Array,
-) -> tuple[Array, Array, Array]:
-    """For one body: the worst error while it can be trusted, and whether a failed solve or a blow-up came first."""
-    body = RigidBody(moments)
-    scaled = None if torque is None else Scaled(factor, torque)
-    first = energy(body, scaled, start)
-    kinetic = kinetic_energy(body, start)
-    scale = kinetic + abs(first - kinetic)
+def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[tuple[str, np.ndarray]]:
+    """The limits of `integrators/limits.py` for each value of a sweep, from the state at the start.
 
-    def take(carry: Any, n: Array) -> tuple[Any, None]:
-        state, worst, failed, blown_up = carry
-        path = integrate(method, body, scaled, state, dt=dt, steps=span, first_step=n * span)
-        errors = jnp.abs(energy(body, scaled, path.states) - first) / scale
-        trusted = jnp.arange(span + 1, dtype=jnp.int32) < path.first_bad
-        going_on = ~failed & ~blown_up
-        largest = jnp.max(jnp.where(trusted & jnp.isfinite(errors), errors, 0))
-        worst = jnp.where(going_on, jnp.maximum(worst, largest), worst)
-        infinite = ~jnp.all(jnp.isfinite(jnp.where(trusted, 0, jnp.sum(path.states.momentum, axis=-1))))
-        blows_up = going_on & ((largest >= BLOWN_UP) | infinite)
-        last = jax.tree.map(lambda leaf: leaf[-1], path.states)
-        return (last, worst, failed | (going_on & ~blows_up & ~path.ok), blown_up | blows_up), None
-
-    nothing = jnp.zeros((), bool)
-    carry = start, jnp.zeros_like(dt), nothing, nothing
-    (_, worst, failed, blown_up), _ = jax.lax.scan(take, carry, jnp.arange(spans, dtype=jnp.int32))
-    return worst, failed, blown_up
-
-
-class Line(NamedTuple):
-    """A theoretical limit: the step at each value of a sweep; NaN if there is none."""
-
-    kind: str  # "reach", "stability" or "resonance"
-    steps: np.ndarray  # (n,)
-
-
-def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[Line]:
-    """The limits of `integrators/limits.py` for each value of a sweep, from the state at the start."""
+    Each has its kind, "reach", "stability" or "resonance", and the steps, (n,); NaN where there is no limit.
+    """
     method = chosen.method(method)
     dtype = scene.start.momentum.dtype
 
@@ -256,12 +234,11 @@ def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[Line]:
         kicked = (field > 0) & (found.nutation > FAST * field) & isinstance(method, Splitting)
         steps = [resonance(found.nutation, k) for k in _ORDERS]
         resonances = [np.where(kicked & (h < reach), h, np.nan) for h in steps]
-    limits = [Line("reach", reach), Line("stability", stability), *(Line("resonance", steps) for steps in resonances)]
-    return [line for line in limits if np.any(np.isfinite(line.steps))]
+    limits = [("reach", reach), ("stability", stability), *(("resonance", steps) for steps in resonances)]
+    return [(kind, steps) for kind, steps in limits if np.any(np.isfinite(steps))]
 
 
 def stability(options: argparse.Namespace) -> None:
-    """Measures the maps, prints the share of each that fails, and draws them."""
     require("matplotlib")
     scene, methods = chosen.scene(options.scene), chosen.methods(options.methods or METHODS)
     steps, varied = sweeps(scene, options.grid)
@@ -298,7 +275,7 @@ def stability(options: argparse.Namespace) -> None:
 
 def stability_figure(
     maps: Sequence[Sequence[Map]],
-    lines: Mapping[tuple[str, str], Sequence[Line]],
+    lines: Mapping[tuple[str, str], Sequence[tuple[str, np.ndarray]]],
     steps: np.ndarray,
     sweeps: Sequence[Sweep],
     *,
@@ -325,10 +302,10 @@ def stability_figure(
         for column, of_method in enumerate(maps):
             axes, found = panels[row, column], of_method[row]
             image = _map(axes, found, steps, sweep, norm)
-            for line in lines.get((found.method, sweep.name), ()):
-                style = _LINES[line.kind]
+            for kind, limit in lines.get((found.method, sweep.name), ()):
+                style = _LINES[kind]
                 outline = [withStroke(linewidth=style["linewidth"] + 1.4, foreground="black")]
-                (drawn[line.kind],) = axes.plot(line.steps, sweep.values, zorder=3, path_effects=outline, **style)
+                (drawn[kind],) = axes.plot(limit, sweep.values, zorder=3, path_effects=outline, **style)
             if row == 0:
                 axes.set_title(found.method, fontsize=11, weight="bold", color=INK)
             if column == 0:

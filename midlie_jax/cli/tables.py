@@ -45,7 +45,7 @@ def show_table(heads: list[str], rows: list[list[str]]) -> None:
     """
     full_rows = [row for row in rows if len(row) == len(heads)]
     widths = [max([len(head), *(len(row[i]) for row in full_rows)]) for i, head in enumerate(heads)]
-    numeric = [bool(full_rows) and all(_is_number(row[i]) for row in full_rows) for i in range(len(heads))]
+    numeric = [bool(full_rows) and all(is_number(row[i] or "0") for row in full_rows) for i in range(len(heads))]
 
     def show(cells: list[str]) -> None:
         padded = [
@@ -60,16 +60,15 @@ def show_table(heads: list[str], rows: list[list[str]]) -> None:
         show(row)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
     try:
-        float(text or "0")
+        float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text  # Python accepts 1_000
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Prints the lists of methods, flights and schemes, best first; or the named methods."""
     if options.names:
         show_table(_HEADS, [_method(chosen.method(name)) for name in options.names])
         return
@@ -97,14 +96,12 @@ def _yes(value: bool) -> str:
 
 
 def scenes(options: argparse.Namespace) -> None:
-    """Prints the list of scenes; or all details of the named scenes."""
     if options.names:
         print("\n\n".join(_described(chosen.scene(name)) for name in options.names))
         return
     listed = [all_scenes.scene(name) for name in all_scenes.scenes()]
     show_table(
-        ["scene", "step", "duration", "title"],
-        [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in listed],
+        ["scene", "step", "duration", "title"], [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in listed]
     )
 
 
