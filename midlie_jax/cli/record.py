@@ -11,10 +11,9 @@ from ..drivers.path import columns, named
 from ..model.bodies import RigidBody
 from ..model.states import AxisState, TravellingState
 from ..model.torques import UniformGravity, terms_of
-from ..plot.conservation import Change, balanced, energy_change, linear_change, momentum_change
+from ..plot.conservation import Change, changes_of
 from ..plot.style import colours_of
-from ..simulation.attributes import versions
-from ..simulation.variables import parameter
+from ..simulation.variables import parameter, versions
 from .scenes import Scene
 
 SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store written by `midlie run`
@@ -58,13 +57,10 @@ class Record(NamedTuple):
     def changes(self) -> list[Change]:
         """The changes of energy and momentum; of a translating body also of its linear momentum, and place if known."""
         scene, times, states = self.scene, self.times, self.states
-        acting = scene.body, scene.torque, times
-        whole = balanced(*acting, jax.tree.map(lambda x: x[0], states))
-        found = [energy_change(*acting, states), momentum_change(scene.torque, states, balanced=whole)]
-        if self.travel:
-            place = None if self.several else _place_change(scene.body.mass, scene.torque, times, states)
-            found += [linear_change(*acting, states), *([place] if place else [])]
-        return found
+        place = None
+        if self.travel and not self.several:
+            place = _place_change(scene.body.mass, scene.torque, times, states)
+        return changes_of(scene.body, scene.torque, times, states) + ([place] if place else [])
 
     @property
     def errors(self) -> list[tuple[str, str]]:

@@ -7,12 +7,12 @@ Only this subpackage imports diffrax, and only its public names. The same term a
 They integrate the derivatives of the arrays of the state, whereas `LieSolver` uses angular velocity and torque and
 moves on the group.
 
-Modules: `term` (body and torque), `solver` (the step), `estimate` (its error), `dense` (dense output by
-cubics and by steps), `norm` (the size of an error).
+Modules: `term` (body and torque), `solver` (the step), `estimate` (its error and the size of an error), `dense` (dense
+output by cubics and by steps).
 """
 
 from .dense import LieInterpolation as LieInterpolation
-from .norm import RotationNorm as RotationNorm
+from .estimate import RotationNorm as RotationNorm
 from .solver import LieSolver as LieSolver
 from .term import Rates as Rates
 from .term import RigidBodyTerm as RigidBodyTerm

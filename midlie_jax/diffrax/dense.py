@@ -5,6 +5,7 @@ order p + 1 in the length, whereas the cubic of `LieInterpolation` has an error 
 """
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any
 
 import diffrax
@@ -17,13 +18,11 @@ from jax import Array
 from .._math import components as cp
 from .._math.short_series import WIDEST_SQUARE, half_angle
 from .._xla.fusion import begin, fuse, is_stored, split
-from ..integrators.base import Method, Progress
+from ..integrators.base import Progress
 from ..integrators.system import System
 from ..integrators.verdict import FINE, is_fine
-from ..model.bodies import Body
 from ..model.states import RigidState, TravellingState
 from ..model.states.rigid import Rotation
-from ..model.torques import TorqueLike
 from .term import ambient_rate, unchecked
 
 _HALVINGS = 2  # number of halvings of an angle, so that the polynomials for sine and cosine are exact
@@ -61,13 +60,11 @@ class LieInterpolation(_Dense):
     """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
 
     For a `RigidState` the attitude is R0 exp(s W) P(s), normalised. W is h times the mean of both angular velocities,
-    and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. The attitude is a
-    unit quaternion to rounding, and exact for a steady spin. The spatial momentum is the cubic that matches momentum
-    and spatial torque at both ends. It is then rotated to the body frame, so the spatial momentum of a free body is
-    also constant between steps. The result inside a step is NaN if |W| exceeds 8.8 radians, or if the rotation of the
-    step differs from W by more than pi/2. For a state without attitude, each array is interpolated by a cubic, and a
-    direction is rescaled to unit length. Linear momentum and position of a body that translates are also interpolated
-    by cubics.
+    and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. The attitude is exact
+    for a steady spin. The spatial momentum, which is the cubic that matches momentum and spatial torque at both ends,
+    is rotated to the body frame; for a free body it is constant. The result is NaN if |W| exceeds 8.8 radians, or if
+    the rotation of the step differs from W by more than pi/2. All other arrays are interpolated by cubics, and a
+    direction is rescaled to unit length.
 
     Args:
         t0, t1: times of the ends.
@@ -103,28 +100,13 @@ class LieInterpolation(_Dense):
 def _interpolated_at(dense: LieInterpolation, t: Any) -> Any:
     """The state at the time t, which reverse mode recomputes: diffrax would copy each stored array entry by entry."""
     s = _part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
-    if not isinstance(dense.y0, TravellingState):
-        return _turning_at(dense, s)
-    turning, moved = _of_rotation(dense), _arrays_at(dense, s)
-    return moved.made(_turning_at(turning, s), moved.linear, moved.position)
-
-
-def _turning_at(dense: LieInterpolation, s: Array) -> Any:
-    return _rigid_state_at(dense, s) if dense.y0.leaves == (Rotation,) else _arrays_at(dense, s)
-
-
-def _of_rotation(dense: LieInterpolation) -> LieInterpolation:
-    return LieInterpolation(
-        t0=dense.t0,
-        t1=dense.t1,
-        y0=dense.y0.turning,
-        y1=dense.y1.turning,
-        velocity0=dense.velocity0.angular,
-        velocity1=dense.velocity1.angular,
-        torque0=dense.torque0.angular,
-        torque1=dense.torque1.angular,
-        h=dense.h,
-    )
+    moved = None
+    if isinstance(dense.y0, TravellingState):
+        moved, rates = _arrays_at(dense, s), ("velocity0", "velocity1", "torque0", "torque1")
+        turning = {name: getattr(dense, name).angular for name in rates}
+        dense = replace(dense, y0=dense.y0.turning, y1=dense.y1.turning, **turning)
+    turned = _rigid_state_at(dense, s) if dense.y0.leaves == (Rotation,) else _arrays_at(dense, s)
+    return turned if moved is None else moved.made(turned, moved.linear, moved.position)
 
 
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
@@ -202,28 +184,18 @@ def _weights(s: Array) -> tuple[Array, Array, Array]:
 
 
 class Start(eqx.Module):
-    """The start of a step as arrays only, because diffrax stacks it over many steps and cannot stack functions.
+    """The start of a step: method, body, torque, state, torque there, and the times of both ends and the signed step.
 
-    The last of the arrays holds the times of both ends and the signed step; `rest` the structure, and other leaves.
+    The functions are apart, because diffrax stacks the arrays over many steps.
     """
 
-    arrays: list[Any]
-    rest: Any = eqx.field(static=True)
+    arrays: Any
+    functions: Any = eqx.field(static=True)
 
     @classmethod
-    def of(
-        cls, method: Method, body: Body, torque: TorqueLike | None, y0: Any, force: Array | None, times: list[Array]
-    ) -> "Start":
-        leaves, structure = jax.tree.flatten((method, body, torque, y0, force, jnp.stack(times)))
-        marks = [isinstance(leaf, (Array, np.ndarray, np.generic)) for leaf in leaves]
-        arrays = [leaf for leaf, mark in zip(leaves, marks, strict=True) if mark]
-        others = tuple(None if mark else leaf for leaf, mark in zip(leaves, marks, strict=True))
-        return cls([jnp.asarray(leaf) for leaf in arrays], (structure, tuple(marks), others))
-
-    def parts(self) -> Any:
-        structure, marks, others = self.rest
-        arrays = iter(self.arrays)
-        return structure.unflatten([next(arrays) if m else x for m, x in zip(marks, others, strict=True)])
+    def of(cls, *parts: Any) -> "Start":
+        arrays, functions = eqx.partition(parts, lambda leaf: isinstance(leaf, (Array, np.ndarray, np.generic)))
+        return cls(jax.tree.map(jnp.asarray, arrays), functions)
 
 
 class ShorterStep(_Dense):
@@ -240,7 +212,7 @@ class ShorterStep(_Dense):
 @eqx.filter_jit
 @eqx.filter_checkpoint(policy=is_stored)
 def _end_at(dense: ShorterStep, t: Any) -> Any:
-    method, body, torque, y0, force, times = dense.start.parts()
+    method, body, torque, y0, force, times = eqx.combine(dense.start.arrays, dense.start.functions)
     start_time, end_time, h = times
     s = _part_of_step(dense.t0, dense.t1, t, h.dtype)
     system = System.of(body, torque, y0, start_time, whole=True)

@@ -11,17 +11,19 @@ and its spatial momentum grows by the trapezium rule of the spatial torque, corr
 
 T'' is computed from three values of the torque: at both ends of the step and at the start of the previous step. All
 other quantities are taken at the two ends of the step. For any method, the local error of the companion is of order h^5
-in the attitude and h^4 in the momentum. The estimate for a method of order 1 or 2 is therefore asymptotically exact.
-For a method of order 4 or more, the estimate is the error of the companion, which is larger than the error of the step.
+in the attitude and h^4 in the momentum.
 
 On the first step, and after a jump, there is no previous step. A constant torque is then assumed, which leaves an error
 of order h^2 in the momentum: the first step becomes smaller than necessary, never too large.
 
-The expansion is useless for large rotations, so a step of more than 2.4 radians has no companion.
+The expansion is useless for large rotations, so a step of more than 2.4 radians has no companion. The size of an
+estimate is its `RotationNorm`.
 """
 
+from functools import reduce
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -29,6 +31,7 @@ from jax import Array
 from .._math import components as cp
 from .._math.short_series import LARGEST_SQUARE, half_turn
 from ..integrators.system import AnyMotion, Motion, System
+from ..model.state import State
 
 REFERENCE_ORDER = 3  # order of the companion; its local error is of order h^(REFERENCE_ORDER + 1)
 
@@ -43,10 +46,6 @@ class History(NamedTuple):
 
     slope: Any
     span: Array
-
-    @classmethod
-    def none(cls, momentum: Any, h: Array) -> "History":
-        return cls(jax.tree.map(lambda p: p * 0, momentum), h * 0)
 
 
 def _of_rates(
@@ -115,3 +114,34 @@ def companion(
     momentum = cp.rotate_back(turn, cp.add(motion.momentum, impulse))
     pose = system.kind.act(motion.pose, turn)
     return Motion(momentum, pose), History(cp.rotate_back(turn, cp.scale(rate, change)), h), valid
+
+
+class RotationNorm(eqx.Module):
+    """A norm for `diffrax.PIDController(norm=...)` that measures momentum and attitude separately.
+
+    The norm is the largest of two numbers, for a body that translates of four: the length of each error, or the angle
+    between the two attitudes, in its unit. PIDController divides errors entry by entry by atol + rtol |y| before it
+    calls the norm, and entries of a quaternion pass through zero. With rtol=0 the angle is therefore exact, and `atol`
+    is the error allowed per step, in these units. With 0 < rtol <= atol the norm is accurate within a factor of 2.
+    Under `BacksolveAdjoint` only the state is measured, not its adjoint.
+
+    Attributes:
+        momentum, linear, position: the units of the errors of the angular momentum, the linear momentum and position.
+        angle: the unit of attitude error, in radians.
+
+    Examples:
+        >>> import diffrax
+        >>> norm = ml.diffrax.RotationNorm(momentum=50.0)  # a momentum error of 50 has the weight of one radian
+        >>> controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=norm)
+    """
+
+    momentum: float | Array = 1.0
+    angle: float | Array = 1.0
+    linear: float | Array = 1.0
+    position: float | Array = 1.0
+
+    def __call__(self, error: Any) -> Array:
+        parts = jax.tree.leaves(error, is_leaf=lambda part: isinstance(part, State))
+        state = next(part for part in parts if isinstance(part, State))
+        units = self.momentum, self.angle, self.linear, self.position
+        return reduce(jnp.maximum, (size / unit for size, unit in zip(state.kind.sizes(state), units, strict=False)))

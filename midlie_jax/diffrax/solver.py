@@ -26,13 +26,10 @@ from .term import RigidBodyTerm, as_time, check, unchecked
 
 
 class Memory(NamedTuple):
-    """Data of a step for the next step: two arrays, because diffrax compiles a dozen operations for each array.
+    """Data of a step for the next step: two arrays, because diffrax compiles a dozen operations for each array."""
 
-    They hold the torque at the end of the step (for particles the force), and the entries of a `History`.
-    """
-
-    force: Array
-    history: Array
+    force: Array  # the torque at the end of the step; for particles the force
+    history: Array  # the entries of a `History`
 
     @classmethod
     def of(cls, force: Any, history: History) -> "Memory":
@@ -47,27 +44,22 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     """A method of this package as a solver for diffrax. It needs a `RigidBodyTerm` and a midlie_jax state.
 
     Order and torque evaluations are the same as for the method. An adaptive controller and the dense output `"cubic"`
-    (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step. Methods that begin with a kick (E2, EA,
-    SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does not read the momentum), AKW, NMB,
-    symplectic Euler and Verlet already evaluate these torques. For the other methods, an adaptive controller needs one
-    more evaluation per step, and dense output two.
+    (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step. Methods that begin with a kick (under a
+    torque that does not read the momentum), AKW, NMB, symplectic Euler and Verlet already evaluate these torques. For
+    the other methods, an adaptive controller needs one more evaluation per step, and dense output two.
 
     Dense output, the states between the ends of a step, by `dense`:
 
     - `"cubic"`: `LieInterpolation`, of third order for every method. Fast: one evaluation is a few polynomials.
-    - `"step"`: a shorter step of the method from the start of the step, of the order of the method. An event then has
-      the error of the method in its time and state. Each state, and each iteration of the root finder of an event,
-      takes a step of the method, and the program holds a second copy of the step. `SaveAt(dense=True)` stores the
-      arrays of body and torque for every step, so they must be numbers, not random keys. This dense output is
-      continuous, but its rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more,
-      if the times of events or the states between steps must have the accuracy of the steps.
+    - `"step"`: a shorter step of the method from the start of the step, of the order of the method, for accurate events
+      with methods of order 4 and more. Each state, and each iteration of the root finder of an event, takes a step, and
+      the program holds a second copy of it. `SaveAt(dense=True)` stores the arrays of body and torque for every step,
+      so they must be numbers, not random keys. The rate of change has small jumps at the ends of steps.
 
     Error estimate: the step minus its companion (module `estimate`). For a method of order p = 1 or 2 it is
-    asymptotically the true local error, of order h^(p + 1). For p >= 4 it is the error of the companion, of order h^4
-    in the momentum and h^5 in the attitude, which is larger than the error of the step. `error_order` returns this
-    exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the momentum. Derivatives do not pass
-    through the estimate. Prefer constant steps for long runs: a varying step destroys the long-time energy behaviour of
-    these methods (`benchmarks/diffrax_pipeline.py energy`).
+    asymptotically the true local error, of order h^(p + 1). For p >= 4 it is the larger error of the companion, of
+    order h^4 in the momentum and h^5 in the attitude. Derivatives do not pass through the estimate. Prefer constant
+    steps for long runs: a varying step destroys the long-time energy behaviour of these methods.
 
     A step has an infinite error if its solve failed, if it is not finite, or if it rotates by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
@@ -75,9 +67,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     an impossible mass does the same with any controller. A reverse-mode derivative is NaN if any attempted step, even a
     rejected one, is not finite.
 
-    Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
-    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, so its result differs by the error of
-    the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
+    Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken, and
+    `BacksolveAdjoint(solver=diffrax.Tsit5())` the exact motion.
 
     Attributes:
         method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], for rigid bodies.
@@ -133,8 +124,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         y1, error, dense, force, memory, ok = _step(method, system, start_time, end_time, h, y0, memory, made_jump)
         term = _single_term(terms)
         if self.dense == "step":
-            times = [start_time, end_time, h]
             stored = force if _begins_with_force(method, system) else None
+            times = jnp.stack([start_time, end_time, h])
             dense = {"start": Start.of(method, term.body, term.torque_at(args), y0, stored, times)}
         ok = ok & term.body.is_possible()
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
@@ -176,11 +167,10 @@ def _step(
     memory: Memory,
     made_jump: Any,
 ) -> Any:
-    """The step of `LieSolver.step`, in the time of the term, as one jitted function.
+    """The step of `LieSolver.step`, in the time of the term.
 
-    diffrax differentiates the body of its loop over the steps several times, and JAX then finds the derivative of the
-    step already traced. Reverse mode recomputes the step. The forward and reverse passes of diffrax are separate parts
-    of its program, and code for each array passed between them is compiled entry by entry.
+    Jitted, because diffrax differentiates its loop several times, and JAX then finds the derivative already traced.
+    Reverse mode recomputes the step, because each array passed to it would be compiled entry by entry.
     """
     system, motion = system.in_step(start_time, end_time, h), system.motion(y0)
     keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)
@@ -221,11 +211,7 @@ def _step(
 
 @jax.custom_jvp
 def _varying_together(tree: Any) -> Any:
-    """The tree unchanged, such that all of its arrays have tangents if one of them has.
-
-    diffrax differentiates its loop separately for each set of varying arrays, and would trace the derivative of a step
-    three times.
-    """
+    """The tree unchanged; all of its arrays have tangents if one has, so that diffrax traces one derivative alone."""
     return tree
 
 
@@ -239,7 +225,8 @@ def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[An
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
-    return Memory.of(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
+    none = History(jax.tree.map(lambda p: p * 0, motion.momentum), t * 0)
+    return Memory.of(next_force, jax.lax.stop_gradient(none))
 
 
 def _single_term(terms: Any) -> RigidBodyTerm:

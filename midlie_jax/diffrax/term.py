@@ -4,7 +4,7 @@ The functions below the class are helpers shared by the subpackage, to convert b
 """
 
 from collections.abc import Callable
-from functools import cache
+from functools import partial
 from typing import Any, NamedTuple
 
 import diffrax
@@ -25,10 +25,7 @@ from ..model.torques import TorqueLike
 
 
 class Rates(NamedTuple):
-    """The rates of change of a state, in two forms.
-
-    Other solvers use `ambient`; `LieSolver` moves on the group and uses velocity and torque. Recovering these from the
-    ambient derivative would need a division by the attitude, without measurable loss of accuracy, even in float32.
+    """The rates of change of a state: `ambient` for other solvers, velocity and torque for `LieSolver`.
 
     Attributes:
         ambient: the derivative of the arrays of the state, as a state of the same class.
@@ -40,8 +37,6 @@ class Rates(NamedTuple):
         >>> rates = ml.diffrax.RigidBodyTerm(body, torque).vf(0.0, start, None)
         >>> rates.velocity, rates.torque[0].round(4)  # for LieSolver
         (Array([ 0.,  0., 50.], dtype=float64), Array(5.9104, dtype=float64))
-        >>> type(rates.ambient).__name__  # for other solvers: the derivative of each array
-        'RigidState'
     """
 
     ambient: Any
@@ -114,14 +109,10 @@ def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
     return unchecked(kind, kind.momentum_rate(momentum, velocity, force), kind.rate(pose, velocity))
 
 
+@partial(jax.jit, static_argnums=0, inline=True)
 def unchecked(kind: Kind, momentum: Any, pose: Any) -> Any:
     """`kind.join`, traced and thus unchecked: the class would reject derivatives of quaternions for their length."""
-    return _joined(kind)(momentum, pose)
-
-
-@cache
-def _joined(kind: Kind) -> Any:
-    return jax.jit(kind.join, inline=True)
+    return kind.join(momentum, pose)
 
 
 def as_time(t: Any, y: Any) -> Array:

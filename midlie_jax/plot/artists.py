@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
-from .style import GREY, SIZE, ink
+from .style import GREY, SIZE, circle, ink
 
 BEHIND, IN_FRONT = 1.0, 20.0  # drawing order of matplotlib; things inside the surface are between both
 _BEHIND = 0.28  # opacity of things behind the surface
@@ -27,6 +27,11 @@ def towards_viewer(axes: Any) -> np.ndarray:
     elevation, azimuth = np.radians([axes.elev, axes.azim])
     across = np.cos(elevation)
     return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
+
+
+def circle_around(axis: np.ndarray, count: int) -> np.ndarray:
+    """Points (count, 3) of the unit circle around an axis."""
+    return circle(count)[:, :2] @ np.linalg.svd(axis[None])[2][1:]
 
 
 class HalfCurve(Line3D):
@@ -55,15 +60,8 @@ class Shade(Poly3DCollection):
 
     def do_3d_projection(self) -> Any:
         # A point A u of the surface, |u| = 1, A = diag(semi-axes), has the normal A^-1 u.
-        across = np.linalg.svd((towards_viewer(self.axes) / self.semi_axes)[None])[2][1:]
-        angle = np.linspace(0, 2 * np.pi, 181)[:, None]
-        self.set_verts([self.semi_axes * (np.cos(angle) * across[0] + np.sin(angle) * across[1])])
+        self.set_verts([self.semi_axes * circle_around(towards_viewer(self.axes) / self.semi_axes, 181)])
         return super().do_3d_projection()
-
-
-def shade_of(axes: Any) -> Shade | None:
-    """The ellipsoid already on the axes, if any."""
-    return next((found for found in axes.collections if isinstance(found, Shade)), None)
 
 
 def draw_ellipsoid(axes: Any, semi_axes: np.ndarray) -> None:

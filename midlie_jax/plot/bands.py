@@ -53,14 +53,10 @@ def bands(
     Args:
         axes: matplotlib's axes.
         times: (n,), ascending, with any unit.
-        values: (bodies, n). A body with a number that is not finite is left out, because its run failed. The legend
-            gives the number of bodies left out.
+        values: (bodies, n). A body with a number that is not finite is left out, because its run failed.
         levels: fractions of the bodies, each above 0 and below 1.
-        label: name of the ensemble, with the number of bodies in the legend; by default "median".
+        label: name of the ensemble in the legend, which adds the numbers of bodies; by default "median".
         colour: colour of the line and the bands, any of matplotlib's.
-
-    Returns:
-        The quantiles and the numbers of bodies.
 
     Raises:
         ValueError: the shapes do not fit, the times do not ascend, a level is not between 0 and 1, or no body is left.
@@ -72,30 +68,6 @@ def bands(
         >>> found.median.shape
         (50,)
     """
-    t, all_values = _checked(times, values, levels)
-    good = all_values[np.isfinite(all_values).all(axis=1)]
-    failed = len(all_values) - len(good)
-    if not len(good):
-        raise ValueError(
-            f"values must have a finite row, got none in {len(all_values)} rows. Draw only times before first_bad "
-            "of the path."
-        )
-    chosen, name = colour or BLUE, label or "median"
-    edges = dict[float, tuple[np.ndarray, np.ndarray]]()
-    # The widest first, so that narrower bands are drawn on top of it.
-    for level in sorted(map(float, levels), reverse=True):
-        low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
-        axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0, label=f"{100 * level:.4g} %")
-        edges[level] = (low, high)
-    median = np.median(good, axis=0)
-    count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
-    axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
-    axes.margins(x=0)
-    name_in_legend(axes)
-    return Bands(median, edges, len(good), failed)
-
-
-def _checked(times: Any, values: Any, levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     try:
         t, numbers = np.asarray(times, float), np.asarray(values, float)
     except (TypeError, ValueError) as error:
@@ -111,4 +83,23 @@ def _checked(times: Any, values: Any, levels: Sequence[float]) -> tuple[np.ndarr
         raise ValueError("times must ascend and be finite. Sort them, and the columns of values with them.")
     if not levels or not all(0 < level < 1 for level in levels):
         raise ValueError(f"levels must be fractions above 0 and below 1, got {levels}. Write 0.9 for 90 %.")
-    return t, numbers
+    good = numbers[np.isfinite(numbers).all(axis=1)]
+    failed = len(numbers) - len(good)
+    if not len(good):
+        raise ValueError(
+            f"values must have a finite row, got none in {len(numbers)} rows. Draw only times before first_bad "
+            "of the path."
+        )
+    chosen, name = colour or BLUE, label or "median"
+    edges = dict[float, tuple[np.ndarray, np.ndarray]]()
+    # The widest first, so that narrower bands are drawn on top of it.
+    for level in sorted(map(float, levels), reverse=True):
+        low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0, label=f"{100 * level:.4g} %")
+        edges[level] = (low, high)
+    median = np.median(good, axis=0)
+    count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
+    axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
+    axes.margins(x=0)
+    name_in_legend(axes)
+    return Bands(median, edges, len(good), failed)

@@ -1,7 +1,7 @@
-"""The conserved quantities of the exact motion, their errors in a run, and `conserved`, which draws the errors.
+"""What the exact motion conserves, the errors of a run in it (`changes_of`), and `conserved`, which draws them.
 
-Errors are computed in float64, if it is enabled, for runs of any dtype. The result therefore shows the rounding errors
-of the run and not of its evaluation.
+Errors are computed in float64, if it is enabled, so that they show the rounding errors of the run and not of its
+evaluation.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -33,15 +33,13 @@ class Conserved(NamedTuple):
 
     Attributes:
         times: (n,), the saved times before the run failed.
-        energy: the relative error of the energy, (n,); None if it is not conserved.
+        energy: the relative error of the energy, with its sign, (n,); None if it is not conserved.
         momentum: the relative error of the conserved part of the spatial momentum, (n,); None if there is none.
         linear: the relative error of the linear momentum, (n,); None if it is not conserved, or the body does not
             translate.
 
     Examples:
         >>> from matplotlib.figure import Figure
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path)
         >>> bool(abs(found.energy).max() < 1e-6), bool(abs(found.momentum).max() < 1e-12)
@@ -77,30 +75,22 @@ def conserved(
     - for coupled bodies, the sums of their momenta, if at the saved times their forces, or their torques about the
       origin, add up to zero up to rounding.
 
-    Other quantities are named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
-    below half a unit in the last place of the run's dtype are drawn at that height. To compare methods, call the
-    function again on the same axes, with another colour for each.
+    Other quantities are named on the picture and not drawn. Errors are computed in float64 if it is enabled, and drawn
+    at half a unit in the last place of the run's dtype at least. To compare methods, call the function again on the
+    same axes, with another colour for each.
 
     Args:
         axes: matplotlib's axes, which get a legend.
-        body: the body of the path: a `RigidBody`, a `TensorBody`, a `SymmetricRotor` or a `FreeBody`.
-        torque: as for `integrate`.
-        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
-            with any state of one body, or of coupled bodies.
+        body, torque: as for `integrate`.
+        path: a `Path` of one body, with any state, or of coupled bodies.
         colour: the colour of all lines (momenta are dashed); by default blue, vermilion and green.
         label: prefix of the names "energy" and "momentum", for example the name of the method.
 
-    Returns:
-        The errors, signed for the energy.
-
     Raises:
-        ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
-            are bad; neither energy nor a momentum is conserved.
+        ValueError: the arguments do not fit each other; the first two states are bad; nothing is conserved.
 
     Examples:
         >>> from matplotlib.figure import Figure
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path, label="JACOBI[EA]")
         >>> found.energy.shape
@@ -109,10 +99,7 @@ def conserved(
     motion = motion_of(path, together=True)
     check_body(body, motion.states)
     check_torque(torque)
-    acting = body, torque, motion.times, motion.states
-    changes = [energy_change(*acting), momentum_change(torque, motion.states, balanced=balanced(*acting))]
-    if isinstance(motion.states, TravellingState):
-        changes.append(linear_change(body, torque, motion.times, motion.states))
+    changes = changes_of(body, torque, motion.times, motion.states)
     if all(change.reason for change in changes):
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
     least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2
@@ -120,7 +107,7 @@ def conserved(
     axes.set(xlabel=axes.get_xlabel() or "time  [time]", ylabel=axes.get_ylabel() or "relative error  [-]")
     found: list[np.ndarray | None] = []
     for change, (own, dash) in zip(changes, _LINES, strict=False):
-        name = f"{label}: {change.short}" if label else change.short
+        name = f"{label}: {change.short or change.name}" if label else change.short or change.name
         if change.reason:
             remark(axes, f"{name} {change.reason}")
             found.append(None)
@@ -144,6 +131,7 @@ class Change(NamedTuple):
     formula: str
     note: str = ""  # the part of the quantity to which the values refer; may be ""
     reason: str = ""  # why the exact motion does not conserve the quantity; "" if it does
+    short: str = ""  # a name short enough to fit next to a panel, if `name` is not
 
     @property
     def in_words(self) -> str:
@@ -152,24 +140,25 @@ class Change(NamedTuple):
             return self.reason
         return f"{float(np.max(np.abs(self.values))):.2e}" + (f"  ({self.note})" if self.note else "")
 
-    @property
-    def short(self) -> str:
-        """A name short enough to fit next to a panel."""
-        total = "total " if self.name.startswith("total") else ""
-        part = self.note.removesuffix(", which is conserved")
-        if part == self.note:
-            return self.name
-        along = part.removeprefix("component ")
-        return f"{total}momentum {along}" if along != part else f"vertical {total}momentum"
 
+def changes_of(body: Body, torque: TorqueLike | None, times: ArrayLike, states: AnyState) -> list[Change]:
+    """The changes of the energy, of the angular momentum and, of a body that translates, of the linear momentum.
 
-def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: AnyState) -> Change:
-    """(E(t) - E(0)) / |E(0)| of one body; E is the kinetic energy alone if the torque has no potential.
-
-    The states have leading axes (..., n), and may contain NaN; the times are (n,).
+    The states have leading axes (..., n), and may contain NaN; the times are (n,). The forces on the first body, or on
+    the first copy of coupled bodies, decide whether the momenta are conserved.
     """
     body, torque, states = _doubles((body, torque, states))
     times = np.asarray(times, jnp.result_type(float))
+    first = jax.tree.map(lambda leaf: leaf[(0,) * (len(states.batch) - 1)], states)
+    whole = balanced(body, torque, times, first)
+    changes = [_energy_change(body, torque, times, states), _momentum_change(torque, states, whole)]
+    if isinstance(states, TravellingState):
+        changes.append(_linear_change(body, torque, times, states, first))
+    return changes
+
+
+def _energy_change(body: Any, torque: Any, times: np.ndarray, states: Any) -> Change:
+    """(E(t) - E(0)) / |E(0)|; E is the kinetic energy alone if the torque has no potential."""
     first = jax.tree.map(lambda leaf: leaf[(0,) * len(states.batch)], states)
     kinetic, reason = False, ""
     try:
@@ -178,60 +167,60 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
             reason = "not conserved: the potential depends on time"
     except ValueError as error:
         kinetic, reason = True, f"not defined: {str(error).split(';')[0]}"
-
-    def at(states: Any, times: Any) -> Any:
-        return energy(body, None if kinetic else torque, states, times)
-
-    energies = np.asarray(jax.jit(at)(states, jnp.asarray(times)))
+    energy_at = jax.jit(lambda states, times: energy(body, None if kinetic else torque, states, times))
+    energies = np.asarray(energy_at(states, jnp.asarray(times)))
     name, formula = ("kinetic energy", "(K - K₀) / K₀") if kinetic else ("energy", "(E - E₀) / |E₀|")
     start = energies[..., :1]
     return Change(_relative(energies - start, np.abs(start)), name, formula, reason=reason)
 
 
-def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bool = False) -> Change:
+def _momentum_change(torque: Any, states: Any, whole: bool) -> Change:
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
 
     For a body that translates, pi is the total angular momentum about the origin, and the change is relative to the
     largest |x cross p| + |R Pi| of the path, because pi may vanish. For coupled bodies it is the sum over all. States
     without an attitude or an axis hold only the length of pi, or its component along the direction of a
-    `DirectionState`. `balanced`: all of pi is conserved, as found by the function of this name.
+    `DirectionState`. `whole`: all of pi is conserved, whatever the torque.
     """
-    torque, states = _doubles((torque, states))
     size, letter = _sizes(states, states.momentum)[..., :1], "|π₀|"
     name, changed = "spatial momentum", "not conserved: the torque changes it"
     if isinstance(states, TravellingState):
         name, letter, changed = "total angular momentum", "max |π|", "not conserved: torque or force changes it"
         orbital = np.cross(states.position, states.linear)
         size = np.nanmax(_sizes(states, orbital) + _sizes(states, states.momentum), axis=-1, keepdims=True)
-    kept = ALL if balanced else kept_by(torque)
+    kept, in_space = ALL if whole else kept_by(torque), states.leaves[0].spatial_momentum is not Leaf.spatial_momentum
+    # Compiled, because the states of a failed run are not to be checked.
+    momenta = np.asarray(jax.jit(lambda s: s.spatial_momentum())(states)) if in_space else None
     if isinstance(kept, Kept) and states.kind.has_pose:
-        along = _along(states, kept.direction / (np.linalg.norm(kept.direction) or 1.0))
+        direction = kept.direction / (np.linalg.norm(kept.direction) or 1.0)
+        if momenta is None:
+            x, y, z = map(jnp.asarray, direction)
+            seen: Any = states.seen_from_body((x, y, z))
+            along = np.sum(np.asarray(states.momentum) * np.stack(seen, axis=-1), axis=-1)
+        else:
+            along = momenta @ direction
         values = _relative(np.abs(along - along[..., :1]), size)
-        formula = f"|π{kept.letter} - π{kept.letter}₀| / {letter}"
-        return Change(values, name, formula, f"{kept.which}, which is conserved")
-    if not _is_in_space(states):
+        formula, note = f"|π{kept.letter} - π{kept.letter}₀| / {letter}", f"{kept.which}, which is conserved"
+        total = "total " * name.startswith("total")
+        vertical = kept.which.startswith("vertical")
+        short = f"vertical {total}momentum" if vertical else f"{total}momentum {kept.which.removeprefix('component ')}"
+        return Change(values, name, formula, note, short=short)
+    if momenta is None:
         lengths = np.linalg.norm(np.asarray(states.momentum), axis=-1)
         name, formula = "length of the momentum", "(|Π| - |Π₀|) / |Π₀|"
         return Change(_relative(lengths - size, size), name, formula, reason="" if torque is None else changed)
-    momenta = _in_space(states)
-    whole = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
-    formula = f"|π - π₀| / {letter}"
-    return Change(whole, name, formula, "all of it") if kept == ALL else Change(whole, name, formula, reason=changed)
+    values, formula = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size), f"|π - π₀| / {letter}"
+    return Change(values, name, formula, "all of it") if kept == ALL else Change(values, name, formula, reason=changed)
 
 
-def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
-    """|p(t) - p(0)| / max |p| of a body that translates; conserved if no force acts on the first body of a batch.
-
-    For coupled bodies p is the sum over all.
-    """
-    body, torque, states = _doubles((body, torque, states))
+def _linear_change(body: Any, torque: Any, times: np.ndarray, states: Any, first: Any) -> Change:
+    """|p(t) - p(0)| / max |p|, for coupled bodies of the sum over all; conserved if no force acts on `first`."""
     momenta, size = np.asarray(states.linear), np.nanmax(_sizes(states, states.linear), axis=-1, keepdims=True)
     momenta = np.sum(momenta, axis=-2) if states.several else momenta
     values = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     reason = ""
     if torque is not None:
-        first = jax.tree.map(lambda leaf: leaf[(0,) * (len(states.batch) - 1)], states)
-        forces = np.asarray(_forces_on(body, torque, np.asarray(times), first).linear)
+        forces = np.asarray(_forces_on(body, torque, times, first).linear)
         acts = not add_up_to_zero(forces) if states.several else np.any(forces != 0)
         reason = "not conserved: a force acts" if acts else ""
     return Change(values, "linear momentum", "|p - p₀| / max |p|", "" if reason else "all of it", reason)
@@ -241,23 +230,6 @@ def _sizes(states: Any, vectors: Any) -> np.ndarray:
     """The lengths of vectors (..., 3), summed over coupled bodies."""
     lengths = np.linalg.norm(np.asarray(vectors), axis=-1)
     return np.sum(lengths, axis=-1) if states.several else lengths
-
-
-def _is_in_space(states: Any) -> bool:
-    return states.leaves[0].spatial_momentum is not Leaf.spatial_momentum
-
-
-def _in_space(states: Any) -> np.ndarray:
-    """The angular momentum in space; compiled, because the states of a failed run are not to be checked."""
-    return np.asarray(jax.jit(lambda s: s.spatial_momentum())(states))
-
-
-def _along(states: Any, direction: np.ndarray) -> np.ndarray:
-    """The component of the spatial momentum along a unit vector of space."""
-    if _is_in_space(states):
-        return _in_space(states) @ direction
-    along: Any = states.seen_from_body(tuple(map(jnp.asarray, direction)))
-    return np.sum(np.asarray(states.momentum) * np.stack(along, axis=-1), axis=-1)
 
 
 def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -275,11 +247,10 @@ def _doubles(tree: Any) -> Any:
 
 
 class Kept(NamedTuple):
-    """A component of the spatial angular momentum that is conserved.
+    """A component of the angular momentum that is conserved, of the total x cross p + R Pi if the body translates.
 
-    For a body that translates, the momentum is the total x cross p + R Pi about the origin. A torque without a force
-    does not change x cross p, and a uniform force changes the total momentum only perpendicular to itself. The field of
-    a point mass at the origin, with force and torque, does not change it. For coupled bodies it is the sum over all.
+    A torque without a force does not change x cross p, and a uniform force changes the total momentum only
+    perpendicular to itself.
     """
 
     direction: np.ndarray  # a vector along it, in space, (3,)
@@ -321,11 +292,8 @@ def _parallel(a: np.ndarray, b: np.ndarray) -> bool:
 def _forces_on(body: Any, torque: Any, times: np.ndarray, states: Any) -> Any:
     """The torque on a body at each saved time, (n, 3), or torque and force on one that translates, as `Momenta`."""
     bound: Any = on_body(torque, body)
-
-    def at(t: Any, state: Any) -> Any:
-        return state.kind.force_of(bound(t, state))
-
-    return jax.jit(jax.vmap(at))(jnp.asarray(times, jnp.result_type(float)), states)
+    force = jax.vmap(lambda t, state: state.kind.force_of(bound(t, state)))
+    return jax.jit(force)(jnp.asarray(times, jnp.result_type(float)), states)
 
 
 def add_up_to_zero(*vectors: Any) -> bool:
@@ -339,7 +307,6 @@ def balanced(body: Any, torque: Any, times: np.ndarray, states: Any) -> bool:
     """Whether the torques on coupled bodies, about the origin, add up to zero at the saved times, (n,)."""
     if torque is None or not states.several:
         return False
-    states = jax.tree.map(jnp.asarray, states)
     found, each = _forces_on(body, torque, times, states), states.of_body(slice(None))
     travels = isinstance(states, TravellingState)
     turn = np.stack(each.to_space(cp.vector(found.angular if travels else found)), axis=-1)

@@ -1,6 +1,7 @@
 """Curves of one motion in space: `axis_path` on the unit sphere, `polhode` on the energy ellipsoid, and `track`."""
 
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,9 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
 from ..model.free_body import FreeBody
 from ..model.state import AnyState
-from ..model.states import Coupled, TravellingState
+from ..model.states import AxisState, Coupled, TravellingState
 from .motion import OrientedState, motion_of, path_of_one
-from .style import BLUE, FEW, GREY, colours_of, is_3d, name_in_legend, remark
+from .style import BLUE, FEW, GREY, circle, colours_of, is_3d, name_in_legend, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
 _BODY_AXES = ("e1", "e2", "e3")
@@ -41,55 +42,45 @@ def axis_path(
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
-        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
-            with states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
-            `AxisState` or a `FreeAxisState`; or of coupled bodies.
+        path: a `Path` of one body or of coupled bodies, whose states have an attitude or the axis of symmetry.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
             States with only an axis support only this axis, e3.
-        colour: colour of the path, any of matplotlib's.
-        label: the name of the path in the legend; by default the name of the axis. For coupled bodies the number is
-            appended.
+        colour, label: colour of the path, any of matplotlib's, and its name in the legend; by default the name of the
+            axis. For coupled bodies the number is appended.
 
     Returns:
         The drawn directions in space, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
 
     Raises:
-        ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
-            neither a name, nor an index, nor a unit vector, or the states do not define it; there are more than six
-            coupled bodies.
+        ValueError: the path has no attitudes or axes, or its first two states are bad; the axis is none, or the states
+            do not define it; there are more than six coupled bodies.
 
     Examples:
         >>> from matplotlib.figure import Figure
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
-        >>> figure = Figure()
-        >>> ml.plot.axis_path(figure.add_subplot(projection="3d"), path).shape  # what is drawn
+        >>> ml.plot.axis_path(Figure().add_subplot(projection="3d"), path).shape  # what is drawn
         (101, 3)
-        >>> figure.savefig("axis.png")
     """
     direction, name = as_axis(axis)
-    states = getattr(path, "states", None)
-    count = states.count if isinstance(states, Coupled) else 0
-    if count > FEW:
-        raise ValueError(
-            f"path must hold at most {FEW} bodies, got {count}. Draw some of them: "
-            "path._replace(states=path.states.of_body(i)) is the path of body i."
-        )
-    if count:
+    name, states = label or name, getattr(path, "states", None)
+    if isinstance(states, Coupled):
+        if states.count > FEW:
+            raise ValueError(
+                f"path must hold at most {FEW} bodies, got {states.count}. Draw some of them: "
+                "path._replace(states=path.states.of_body(i)) is the path of body i."
+            )
         each = [
-            axis_path(axes, path_of_one(path, i), axis, colour=colour or own, label=f"{label or name} of body {i}")
-            for i, own in enumerate(colours_of(count))
+            axis_path(axes, path_of_one(path, i), axis, colour=colour or own, label=f"{name} of body {i}")
+            for i, own in enumerate(colours_of(states.count))
         ]
         return np.stack(each, axis=1)
-    motion = motion_of(path)
+    motion, chosen = motion_of(path), colour or BLUE
     tips = motion.directions(direction)
-    name, chosen = label or name, colour or BLUE
     if is_3d(axes):
         from .artists import along_arcs
 
-        circle, style = _circle(), {"linewidth": 0.6, "alpha": 0.7}
-        greys = [(np.roll(circle, shift, axis=1), style) for shift in range(3)]
+        ring, style = circle(181), {"linewidth": 0.6, "alpha": 0.7}
+        greys = [(np.roll(ring, shift, axis=1), style) for shift in range(3)]
         ends = np.eye(3), 1.2 * np.eye(3), "xyz"
         _on_surface(axes, along_arcs(tips), np.ones(3), greys, ends, color=chosen, linewidth=1.4, label=name)
     else:
@@ -124,14 +115,10 @@ def as_axis(axis: Any) -> tuple[np.ndarray, str]:
 def _on_surface(
     axes: Any, points: np.ndarray, semi_axes: np.ndarray, greys: Any, ends: tuple[Any, Any, Any], **style: Any
 ) -> bool:
-    """Draws a curve on an ellipsoid, and its beginning; a new ellipsoid gets grey curves and named axes.
+    """Draws a curve on an ellipsoid; a new ellipsoid gets grey curves and named axes. Returns whether it is new."""
+    from .artists import Shade, draw_axes, draw_curve, draw_ellipsoid
 
-    Returns:
-        Whether the ellipsoid is new.
-    """
-    from .artists import draw_axes, draw_curve, draw_ellipsoid, shade_of
-
-    drawn = shade_of(axes)
+    drawn = next((found for found in axes.collections if isinstance(found, Shade)), None)
     if drawn is None:
         draw_ellipsoid(axes, semi_axes)
         for curve, grey in greys:
@@ -149,11 +136,6 @@ def _on_surface(
     return drawn is None
 
 
-def _circle() -> np.ndarray:
-    angle = np.linspace(0, 2 * np.pi, 181)
-    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-
-
 def seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
     """Draws directions (n, 3) on plain axes as seen from +z."""
     from .artists import along_arcs
@@ -164,7 +146,7 @@ def seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None
     axes.plot(x * above, y * above, color=colour, linewidth=1.4, label=name)
     axes.plot(*tips[0, :2], marker="o", markersize=6.0, color=colour)
     if np.max(np.abs(tips[:, :2])) > 0.5:
-        axes.plot(*_circle()[:, :2].T, color=GREY, linewidth=0.8, zorder=1)
+        axes.plot(*circle(181)[:, :2].T, color=GREY, linewidth=0.8, zorder=1)
     axes.set(xlabel="x in space  [-]", ylabel="y in space  [-]")
     axes.set_aspect("equal", adjustable="datalim")
 
@@ -180,10 +162,9 @@ def polhode(
 ) -> np.ndarray:
     """Draws the angular momentum in the principal frame of the body, on the ellipsoid of its kinetic energy.
 
-    A body without a torque conserves its kinetic energy T and the length of its momentum Pi. In the body frame the
-    momentum therefore moves on the ellipsoid Pi . I^-1 Pi = 2T, along its intersection with a sphere. The angular
-    velocity W moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics,
-    section 5.6). Here the curve of the momentum is called a polhode as well.
+    Without a torque the momentum Pi moves on the ellipsoid Pi . I^-1 Pi = 2T of its kinetic energy T, along its
+    intersection with a sphere. The angular velocity W moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot
+    (H. Goldstein, Classical Mechanics, section 5.6). Here the curve of the momentum is called a polhode as well.
 
     The ellipsoid belongs to the initial energy; under a torque the path leaves it, and the picture says so. Further
     calls add paths of nearly the same energy to the same axes.
@@ -191,19 +172,16 @@ def polhode(
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
         body: the body of the path, a `RigidBody` or a `TensorBody`, or a `FreeBody` of one, whose rotation is drawn.
-        path: a `Path` of one body, from `integrate`, `integrate_variable_step` or `free_motion`,
-            with any state of a rigid body, or a `FreeState`.
+        path: a `Path` of one body, with any state of a rigid body, or a `FreeState`.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
-        colour: colour of the path, any of matplotlib's.
-        label: the name of the path in the legend; by default "momentum" or "angular velocity".
+        colour, label: as for `axis_path`; by default the name is "momentum" or "angular velocity".
 
     Returns:
         The drawn points (n, 3), at the saved times, in the principal frame.
 
     Raises:
-        ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, its first two
-            states are bad, or they have no momentum in the body frame, such as an `AxisState`; the body does not
-            rotate; the energy differs from the energy of the ellipsoid on the axes.
+        ValueError: the axes are not 3-D; the body is not one rigid body, or does not rotate; the first two states are
+            bad, or have no momentum in the body frame; the energy differs from the energy of the drawn ellipsoid.
 
     Examples:
         >>> from matplotlib.figure import Figure
@@ -217,15 +195,20 @@ def polhode(
         raise ValueError('axes must be 3-D, got plain axes. Make them by figure.add_subplot(projection="3d").')
     if kind not in ("momentum", "velocity"):
         raise ValueError(f"kind must be one of momentum, velocity, got {kind!r}.")
-    motion = motion_of(path).turning
-    if motion.has_axis_alone:
+    motion = motion_of(path)
+    if isinstance(motion.turning, AxisState):
         raise ValueError(
             "path must hold momenta in the body frame, got AxisStates. Integrate a RigidState or a FreeState, such as "
             "state.with_attitude(), with the moments of the body."
         )
-    body, moments = _turning(body)
-    own = motion.states.momentum
-    momenta = np.asarray(body.to_principal(own) if isinstance(body, TensorBody) else own, float)
+    turning = body.turning if isinstance(body, FreeBody) else body
+    if not isinstance(turning, RigidBody | TensorBody):
+        raise ValueError(f"body must be a RigidBody or a TensorBody, or a FreeBody of one, got {body_named(body)}.")
+    moments = np.asarray(principal_of(turning).moments, float)
+    if moments.shape != (3,):
+        raise ValueError(f"body must be one body with moments (3,), got {moments.shape}. Take the row of the body.")
+    own = motion.turning.momentum
+    momenta = np.asarray(turning.to_principal(own) if isinstance(turning, TensorBody) else own, float)
     energies = np.sum(momenta**2 / moments, axis=1) / 2
     if not energies[0] > 0:
         raise ValueError("path must start with a momentum that is not zero, got a body at rest; it has no ellipsoid.")
@@ -245,51 +228,27 @@ def polhode(
     return points
 
 
-def _turning(body: Any) -> tuple[RigidBody | TensorBody, np.ndarray]:
-    """The one rigid body that rotates, and its principal moments (3,)."""
-    turning = body.turning if isinstance(body, FreeBody) else body
-    if not isinstance(turning, RigidBody | TensorBody):
-        raise ValueError(f"body must be a RigidBody or a TensorBody, or a FreeBody of one, got {body_named(body)}.")
-    moments = np.asarray(principal_of(turning).moments, float)
-    if moments.shape != (3,):
-        raise ValueError(f"body must be one body with moments (3,), got {moments.shape}. Take the row of the body.")
-    return turning, moments
-
-
 def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
     """Polhodes of one energy, and whether each belongs to the separatrix, as points u (181, 3) with |u| = 1.
 
     The momentum is sqrt(2T I) u. Its square over 2T is sum(I u^2), between the smallest moment a and the largest c.
-    Polhodes with a square below the middle moment b encircle axis a, and polhodes above it axis c; at b itself there
-    are two ellipses through axis b.
+    Polhodes below the middle moment b encircle axis a, and polhodes above it axis c. The separatrix is at b.
     """
     a, b, c = np.argsort(moments)
     low, middle, high = moments[[a, b, c]]
-    cosine, sine, _ = _circle().T
+    cosine, sine, _ = circle(181).T
     found: list[tuple[np.ndarray, bool]] = []
-
-    def around(axis: Any, others: tuple[Any, Any], rest: float) -> None:
-        """The polhodes with sum(I u^2) = moments[axis] + rest, at both ends of the axis."""
+    ends = [(a, (b, c), middle - low), (c, (a, b), middle - high)]
+    ends = [end for end in ends if abs(end[2]) > 1e-9 * high]
+    separatrix = [(1.0, ends[0])] if len(ends) == 2 else []
+    for share, (axis, others, gap) in [*product(_FAMILY, ends), *separatrix]:
+        # sum(I u^2) = moments[axis] + share^2 gap, at both ends of the axis.
         u = np.zeros((len(cosine), 3))
         for other, values in zip(others, (cosine, sine), strict=True):
-            gap = moments[other] - moments[axis]
-            u[:, other] = np.sqrt(rest / gap) * values if gap else 0.0
+            if moments[other] != moments[axis]:
+                u[:, other] = np.sqrt(share**2 * gap / (moments[other] - moments[axis])) * values
         u[:, axis] = np.sqrt(np.maximum(1 - np.sum(u**2, axis=1), 0.0))
-        found.extend([(u, False), (u * np.where(np.arange(3) == axis, -1, 1), False)])
-
-    least = 1e-9 * high
-    for share in _FAMILY:
-        if middle - low > least:
-            around(a, (b, c), share**2 * (middle - low))
-        if high - middle > least:
-            around(c, (a, b), -(share**2) * (high - middle))
-    if middle - low > least and high - middle > least:
-        # sum (I - b) u^2 = 0: u_c = +- slope u_a.
-        slope = np.sqrt((middle - low) / (high - middle))
-        for sign in (1, -1):
-            u = np.zeros((len(cosine), 3))
-            u[:, b], u[:, a], u[:, c] = cosine, sine / np.hypot(1, slope), sign * slope * sine / np.hypot(1, slope)
-            found.append((u, True))
+        found += [(u, share == 1), (u * np.where(np.arange(3) == axis, -1, 1), share == 1)]
     return found
 
 
@@ -300,11 +259,9 @@ def track(axes: Any, path: Path[TravellingState], *, colour: str | None = None, 
     name. A dot marks the initial position. Further calls add paths to the same axes.
 
     Args:
-        axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
-        path: a `Path` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
-            coupled bodies.
-        colour: colour of the path, any of matplotlib's.
-        label: the name of the path in the legend; by default none. For coupled bodies the number is appended.
+        axes: matplotlib's axes, 3-D or plain.
+        path: a `Path` of one body that translates, or of coupled bodies.
+        colour, label: as for `axis_path`; by default there is no name.
 
     Returns:
         The drawn positions, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
@@ -328,8 +285,7 @@ def track(axes: Any, path: Path[TravellingState], *, colour: str | None = None, 
             f"path must hold positions, got {type(motion.states).__name__}s. Integrate a FreeState of a FreeBody."
         )
     positions = np.asarray(motion.states.position, float)
-    each = [positions]
-    names, colours = [label], [BLUE]
+    each, names, colours = [positions], [label], [BLUE]
     if motion.states.several:
         each = list(np.moveaxis(positions, 1, 0))
         names = [f"{label or 'body'} {i}" if len(each) <= FEW else None for i in range(len(each))]

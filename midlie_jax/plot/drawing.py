@@ -1,20 +1,27 @@
-"""`Drawing`: a scene on matplotlib's 3-D axes for the frames of a GIF: on the unit sphere, or at its positions.
+"""The frames of a GIF by matplotlib and Pillow: each scene on 3-D axes, on the unit sphere or at its positions.
 
 This module imports matplotlib, so `animate` imports it only when it draws.
 """
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from PIL import Image
 
-from .artists import BEHIND, IN_FRONT, draw_axes, draw_curve, draw_ellipsoid, draw_space, towards_viewer
-from .model import Scene, Turning
-from .style import GREY, PLANET
+from .artists import BEHIND, IN_FRONT, circle_around, draw_axes, draw_curve, draw_ellipsoid, draw_space, towards_viewer
+from .model import Scene, Turning, grid
+from .style import BLUE, GREY, PLANET, SKY, new_figure, time_text
 
-_TEXT = 9.0  # font size of the letters at the axes, points
+_DPI = 80
+_TEXT = 9.0  # font size, points
+_LINE = 14  # height of a line of text, pixels
+_STRIP = 26  # height of the title above several pictures, pixels
+_COLOURS = 128  # size of the palette, which all frames share
 _SMALL = 7.0  # font size of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _DOTS = 42.0, 14.0  # dot areas of a body drawn as points: of the first, and of each other
@@ -23,18 +30,59 @@ _BEYOND, _PLANET, _INSIDE, _BEFORE = 2.0, 3.0, 3.5, 4.0
 _BACKGROUND = 0.5  # opacity of the future part of the track
 
 
-class Drawing:
+def images_of(shown: list[Scene], pixels: int, view: tuple[float, float], background: str, title: str) -> Iterator[Any]:
+    """The frames as RGB images of Pillow: a drawing of each scene with its texts, the title and the clock."""
+    dark = float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
+    text, line = ("white", SKY) if dark else ("black", BLUE)
+    rows, columns = grid(len(shown))
+    # The title of a single picture is drawn in the picture; a common title is drawn above several pictures.
+    strip = _STRIP if title and len(shown) > 1 else 0
+    width, height, edge = columns * pixels, rows * pixels + strip, 0.03 * pixels
+    figure, times = new_figure(width / _DPI, height / _DPI), shown[0].members[0].times
+    figure.set_dpi(_DPI)
+    figure.set_facecolor(background)
+
+    def note(x: float, y: float, words: str, **style: Any) -> Any:
+        return figure.text(x / width, y / height, words, **{"color": text, "fontsize": _TEXT, **style})
+
+    drawings = list[_Drawing]()
+    for k, scene in enumerate(shown):
+        x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
+        place = (x / width, y / height, pixels / width, pixels / height)
+        drawings.append(_Drawing(figure, place, scene, view, text, line))
+        heading, top = scene.title or (title if len(shown) == 1 else ""), y + pixels - edge
+        note(x + edge, top, heading, va="top", weight="bold")
+        note(x + edge, y + edge + _LINE, "\n".join(scene.remarks))  # above the line of the clock
+        named = [(n, c) for n, c in zip(scene.names, scene.colours, strict=False) if n and scene.few]
+        for row, (word, colour) in enumerate(named, start=1 if heading else 0):
+            note(x + edge, top - row * _LINE, word, va="top", color=colour)
+    if strip:
+        note(edge, height - edge, title, va="top", weight="bold")
+    clock = note(width - edge, edge, "", ha="right")
+    for k, t in enumerate(times):
+        for drawing in drawings:
+            drawing.move(k)
+        clock.set_text(f"t = {time_text(float(t))}")
+        figure.canvas.draw()
+        yield Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
+
+
+def write_gif(pictures: list[Any], target: Path, rate: float) -> None:
+    """Writes the frames with one palette, taken from a sheet of several frames."""
+    some = pictures[:: max(1, len(pictures) // 6)]
+    width, height = some[0].size
+    sheet = Image.new("RGB", (width, height * len(some)))
+    for i, picture in enumerate(some):
+        sheet.paste(picture, (0, i * height))
+    palette = sheet.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    few[0].save(target, save_all=True, append_images=few[1:], duration=round(1000 / rate), loop=0, optimize=True)
+
+
+class _Drawing:
     """The artists of a scene, moved for each frame."""
 
-    def __init__(
-        self,
-        figure: Any,
-        place: tuple[float, float, float, float],
-        scene: Scene,
-        view: tuple[float, float],
-        text: str,
-        line: str,
-    ):
+    def __init__(self, figure: Any, place: Any, scene: Scene, view: tuple[float, float], text: str, line: str):
         self.scene, self.line, self.has_planet = scene, line, scene.around.planet is not None
         with rc_context({"grid.linewidth": 0.4, "grid.color": GREY}):  # 3-D axes read these when they are made
             self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
@@ -102,9 +150,7 @@ class Drawing:
             axes.plot(*ends.T, color=GREY, linewidth=0.9, zorder=BEHIND)
         if scene.around.planet is not None:
             axes.computed_zorder = False  # the planet is between the things that it hides and the things in front of it
-            across = np.linalg.svd(self.out[None])[2][1:]
-            angle = np.linspace(0, 2 * np.pi, 91)[:, None]
-            rim = scene.around.planet * (np.cos(angle) * across[0] + np.sin(angle) * across[1])
+            rim = scene.around.planet * circle_around(self.out, 91)
             disc = Poly3DCollection([rim], facecolor=PLANET, edgecolor=GREY, linewidth=0.8, zorder=_PLANET)
             axes.add_collection3d(disc, autolim=False)
         for member, travel, _, colour in scene.tracks:

@@ -1,4 +1,8 @@
-"""`Scene`: one panel of a GIF or an HTML view: bodies at evenly spaced times, in a box, about a planet."""
+"""`Scene`: one panel of a GIF or an HTML view: bodies at evenly spaced times, in a box, about a planet.
+
+`panels` and `around_of` check the arguments of `animate` and `view`, `turnings` moves single bodies to the times of the
+frames, and `scenes` gathers the bodies of each panel.
+"""
 
 import pathlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,6 +16,7 @@ import numpy as np
 
 from .._checks.arguments import as_count, as_floats
 from ..drivers.path import Path
+from ..model import so3
 from ..model.bodies import Body, RigidBody, SymmetricRotor, TensorBody
 from ..model.compatibility import check_body
 from ..model.free_body import FreeBody
@@ -19,7 +24,7 @@ from ..model.state import attitude_of
 from ..model.states import AxisState, Coupled, TravellingState
 from ..model.surface import Surface
 from .curves import as_axis, limits_around
-from .motion import Motion, OrientedState, motion_of, path_of_one, slerp, to_matrix
+from .motion import Motion, OrientedState, motion_of, path_of_one, to_matrix
 from .solids import CORNER, CORNERS, Shape, shape_of
 from .style import BLUE, FEW, ORANGE, SKY, VERMILLION, colours_of
 
@@ -35,8 +40,9 @@ Bodies = Turns | Sequence[Turns]
 OnePath = Path[OrientedState]
 Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
-
-# The input of a picture: panels, each with its name, its body and its path.
+# Compiled, because a picture calls them for each body.
+_slerp = jax.jit(so3.slerp)
+_spatial_momentum = jax.jit(lambda states: states.spatial_momentum())
 
 
 class Panel(NamedTuple):
@@ -54,10 +60,6 @@ def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
     """The panels of a picture, in order, for the arguments of `animate` and `view`.
 
     Bodies of an ensemble are named by their index. Coupled bodies that translate share one panel; others have one each.
-
-    Raises:
-        ValueError: there are no paths, or too many, or the numbers of bodies and paths differ; or `together` is set and
-            paths cannot be drawn in one space.
     """
     most = _MOST_TOGETHER if together else _MOST
     names, paths = _named(path, most)
@@ -68,13 +70,17 @@ def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
     if len(names) > most:
         cure = ", or set together=True to draw bodies in one space" * all(free)
         raise ValueError(f"path must hold at most {most} paths, got {len(names)}. Choose some of them{cure}.")
-    for one in states if together else ():
-        kind = type(one).__name__
-        if isinstance(one, Coupled):
-            raise ValueError(f"together must be False for a {kind}, whose bodies are drawn together without it.")
-        if not isinstance(one, TravellingState):
-            raise ValueError(f"together must be False for a {kind}, which has no position.")
-    bodies = _bodies(body, paths)
+    if together and not all(free):
+        one = states[free.index(False)]
+        why = "whose bodies are drawn together without it" if isinstance(one, Coupled) else "which has no position"
+        raise ValueError(f"together must be False for a {type(one).__name__}, {why}.")
+    coupled = any(isinstance(one, Coupled) for one in states)
+    if isinstance(body, Sequence):
+        bodies = list(body)
+    elif len(paths) > 1 and isinstance(body, Body) and len(body.batch) == 1 + coupled:
+        bodies = _each_body(body, body.batch[0])
+    else:
+        bodies = [body] * len(paths)
     if len(bodies) != len(paths):
         raise ValueError(f"body must be one body, or one for each of the {len(paths)} paths, got {len(bodies)}.")
     return [Panel(*panel) for panel in zip(names, bodies, paths, strict=True)]
@@ -93,8 +99,7 @@ def _named(path: Any, most: int) -> tuple[list[str], list[Any]]:
         return [""] * len(path), list(path)
     states: Any = getattr(path, "states", None)
     momentum: Any = getattr(states, "momentum", 0.0)
-    shape = np.shape(momentum)
-    coupled = isinstance(states, Coupled)
+    shape, coupled = np.shape(momentum), isinstance(states, Coupled)
     if len(shape) == 3 + coupled:
         word, count, one = "replica" if coupled else "body", shape[0], _row
     elif coupled and not isinstance(states, TravellingState):
@@ -111,15 +116,6 @@ def _row(path: Any, k: int) -> Any:
     return rest._replace(times=times)
 
 
-def _bodies(body: Any, paths: list[Any]) -> list[Any]:
-    if isinstance(body, Sequence):
-        return list(body)
-    coupled = any(isinstance(getattr(path, "states", None), Coupled) for path in paths)
-    if len(paths) > 1 and isinstance(body, Body) and len(body.batch) == 1 + coupled:
-        return _each_body(body, body.batch[0])
-    return [body] * len(paths)
-
-
 def _each_body(body: Any, count: int) -> list[Any]:
     return [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(count)]
 
@@ -132,9 +128,6 @@ def picture_file(file: str | pathlib.Path, ending: str) -> pathlib.Path:
             f"file must end in {ending}, got {str(file)!r}. midlie_jax.plot.animate writes a .gif, view an .html."
         )
     return target
-
-
-# The surroundings of bodies that translate.
 
 
 class Around(NamedTuple):
@@ -164,31 +157,27 @@ NOTHING = Around()
 
 
 def around_of(box: Any, planet: Any, paths: Iterable[Any]) -> Around:
-    """`Around`, for the arguments of `animate` and `view`.
-
-    Raises:
-        ValueError: the box or the radius of the planet is wrong, or a state has no position.
-    """
+    """`Around`, for the arguments of `animate` and `view`; a ValueError if one is wrong, or a state has no position."""
+    kinds = [type(getattr(path, "states", None)) for path in paths]
+    still = [kind.__name__ for kind in kinds if not issubclass(kind, TravellingState)]
     for name, given in (("box", box), ("planet", planet)):
-        still = [path for path in paths if not isinstance(getattr(path, "states", None), TravellingState)]
         if given is not None and still:
-            kind = type(getattr(still[0], "states", None)).__name__
-            raise ValueError(f"{name} must be left out without positions, got a {kind}. Use a FreeState.")
-    corners = None if box is None else np.asarray(as_floats("box", box), float)
-    if corners is not None and corners.shape != (2, 3):
-        raise ValueError(
-            f"box must be the least and the largest corner, (2, 3), got {corners.shape}. "
-            "Give [[0, 0, 0], [L, L, L]], for example."
-        )
-    if corners is not None and (not np.all(np.isfinite(corners)) or np.any(corners[1] <= corners[0])):
-        raise ValueError(f"box must have its least corner first and its largest second, got {corners.tolist()}.")
-    radius = None if planet is None else np.asarray(as_floats("planet", planet), float)
-    if radius is not None and (radius.shape != () or not 0 < radius < np.inf):
-        raise ValueError(f"planet must be the radius of the planet, a positive number, got {planet!r}.")
-    return Around(corners, None if radius is None else float(radius))
-
-
-# One body at the times of the frames.
+            raise ValueError(f"{name} must be left out without positions, got a {still[0]}. Use a FreeState.")
+    if box is not None:
+        box = np.asarray(as_floats("box", box), float)
+        if box.shape != (2, 3):
+            raise ValueError(
+                f"box must be the least and the largest corner, (2, 3), got {box.shape}. "
+                "Give [[0, 0, 0], [L, L, L]], for example."
+            )
+        if not np.all(np.isfinite(box)) or np.any(box[1] <= box[0]):
+            raise ValueError(f"box must have its least corner first and its largest second, got {box.tolist()}.")
+    if planet is not None:
+        radius = as_floats("planet", planet)
+        if radius.shape != () or not 0 < radius < np.inf:
+            raise ValueError(f"planet must be the radius of the planet, a positive number, got {planet!r}.")
+        planet = float(radius)
+    return Around(box, planet)
 
 
 class Travel(NamedTuple):
@@ -197,6 +186,7 @@ class Travel(NamedTuple):
     track: np.ndarray  # the positions at the saved times, (n, 3); without jumps between walls
     centres: np.ndarray  # the positions at the frames, (k, 3)
     size: float  # the length of the drawn axis of the body, in the units of the positions
+    magnified: float
     limits: np.ndarray  # the lowest and the highest coordinates of the picture, (2, 3)
 
 
@@ -229,11 +219,6 @@ def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list
     Between saved states a body is assumed to rotate at a constant rate. If it rotates by more than a right angle
     between two saved states, the attitudes between them are unknown, and the frames show the nearest saved states. A
     body whose path ends before the others does not move after its end.
-
-    Raises:
-        ValueError: a body is not one body that rotates; a path is not of one body with attitudes or axes, or its first
-            two states are bad; some paths go forward and others backward; the axis is neither a name, nor an index, nor
-            a unit vector, or the states do not define it; there are fewer than two frames, or more than `most`.
     """
     count = as_count("frames", frames)
     if count < 2:
@@ -241,7 +226,7 @@ def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list
     if count > most:
         raise ValueError(f"frames must be at most {most}, got {count}. Show a part of the path.")
     moved = [one._replace(shape=one.shape or shape_of(one.body)) for one in moving]
-    as_axis(axis)
+    axis = as_axis(axis)
     motions = [motion_of(one.path) for one in moved]
     signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
     if len(signs) > 1:
@@ -253,10 +238,12 @@ def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list
     return [_turning(one, motion, axis, times) for one, motion in zip(moved, motions, strict=True)]
 
 
-def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Turning:
-    direction, name = as_axis(axis)
+def _turning(moving: Panel, motion: Motion, axis: tuple[np.ndarray, str], times: np.ndarray) -> Turning:
+    direction, name = axis
     path_tips = motion.directions(direction)  # raises before the body is compared with the states
-    angles = motion.turns_by(moving.body)
+    check_body(moving.body, motion.states)
+    speeds = np.linalg.norm(np.asarray(jax.vmap(moving.body.turning.velocity)(motion.turning.momentum)), axis=1)
+    angles = (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(motion.times))  # approximate, of the body or of its axis
     # Sorted by ascending time, because a run may be backward.
     order = np.argsort(motion.times)
     ascending = motion.times[order]
@@ -276,11 +263,11 @@ def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Tur
         remarks.append(f"{per_frame:.2g} turns from frame to frame")
     between = order[place], order[place + 1], share
     shape: Any = moving.shape
-    travel, magnified = _travel(moving, motion, *between)
-    if magnified != 1:
-        remarks.append(f"body x {magnified:,.0f}" if magnified < 1e9 else f"body x {magnified:.0e}")
-    rotations = _rotations(motion, *between)
-    momenta = motion.spatial_momenta
+    travel = _travel(moving, motion, *between)
+    if travel is not None and (factor := travel.magnified) != 1:
+        remarks.append(f"body x {factor:,.0f}" if factor < 1e9 else f"body x {factor:.0e}")
+    rotations = _rotations(motion.turning, *between)
+    momenta = np.asarray(_spatial_momentum(motion.turning), float)
     momenta = momenta / max(float(np.max(np.linalg.norm(momenta, axis=1))), np.finfo(float).tiny)
     at_frames = np.stack([np.interp(within, ascending, momenta[order, i]) for i in range(3)], axis=1)
     corners, tips = np.einsum("kij,cj->kci", rotations, shape.corners), rotations @ direction
@@ -288,10 +275,9 @@ def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Tur
     return Turning(*frames, motion.times, path_tips, momenta, name, tuple(remarks), travel, per_frame, until)
 
 
-def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _rotations(states: Any, before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
     """The rotation matrices (k, 3, 3) between saved states, given by their indices; the spin of an axis is chosen."""
-    states: Any = motion.turning.states
-    if motion.has_axis_alone:
+    if isinstance(states, AxisState):
         # Interpolated first: the chosen attitudes jump where the axis passes through -z.
         axes = np.asarray(states.axis, float)
         between = axes[before] + share[:, None] * (axes[after] - axes[before])
@@ -299,21 +285,19 @@ def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.
         at = AxisState(jnp.zeros_like(between), jnp.asarray(between)).with_attitude().attitude
     else:
         attitudes = np.asarray(attitude_of(states))
-        at = slerp(attitudes[before], attitudes[after], share)
+        at = _slerp(attitudes[before], attitudes[after], share)
     return np.asarray(to_matrix(at), float)
 
 
-def _travel(
-    moving: Panel, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray
-) -> tuple[Travel | None, float]:
-    """The position, and the magnification; None if the body does not translate, or too little to be visible."""
-    states, body, shape, box = motion.states, moving.body, moving.shape, moving.box
-    if not isinstance(states, TravellingState) or not isinstance(body, FreeBody) or shape is None:
-        return None, 1.0
-    track, own, magnified = np.asarray(states.position, float), _size(body, shape), moving.magnified
+def _travel(moving: Panel, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray) -> Travel | None:
+    """The position; None if the body does not translate, or too little to be visible."""
+    states, magnified, box = motion.states, moving.magnified, moving.box
+    if not isinstance(states, TravellingState):
+        return None
+    track, own = np.asarray(states.position, float), _size(moving.body, moving.shape)
     if magnified is None:
         if np.max(np.ptp(track, axis=0)) < _AT_REST * own:
-            return None, 1.0
+            return None
         magnified = _magnified([own], [track])
     if box is not None:  # from one saved state to the next the body must move by less than half the box
         sides, steps = np.ptp(box, axis=0), np.diff(track, axis=0)
@@ -321,14 +305,14 @@ def _travel(
     centres = track[before] + share[:, None] * (track[after] - track[before])
     centres = centres if box is None else _wrapped(centres, box)
     size = magnified * own / CORNER
-    return Travel(track, centres, size, limits_around(track if box is None else box, 1.05 * size)), magnified
+    return Travel(track, centres, size, magnified, limits_around(track if box is None else box, 1.05 * size))
 
 
 def _wrapped(positions: np.ndarray, box: np.ndarray) -> np.ndarray:
     return box[0] + np.mod(positions - box[0], np.ptp(box, axis=0))
 
 
-def _size(body: FreeBody, shape: Shape) -> float:
+def _size(body: Any, shape: Any) -> float:
     """The distance of the outermost corner of a body from its middle."""
     return shape.reach / float(body.mass) ** 0.5
 
@@ -357,9 +341,6 @@ def _apart_by(positions: np.ndarray) -> float:
     return float(np.sqrt(np.median(np.maximum(squared.min(axis=1), 0.0))))
 
 
-# All bodies of a panel.
-
-
 class Scene(NamedTuple):
     """The bodies of one panel at the same times, each with a colour."""
 
@@ -367,6 +348,7 @@ class Scene(NamedTuple):
     colours: tuple[str, ...]
     names: tuple[str, ...] = ()  # of paths drawn in one space, "" for a path without name; () for coupled bodies
     around: Around = NOTHING
+    title: str = ""  # the name of the path, if it has a panel of its own
 
     @property
     def alone(self) -> bool:
@@ -381,10 +363,6 @@ class Scene(NamedTuple):
     def solid(self) -> bool:
         """Whether the bodies are drawn as solids; otherwise as points."""
         return bool(self.members[0].shape.faces)
-
-    @property
-    def times(self) -> np.ndarray:
-        return self.members[0].times
 
     def named(self, i: int) -> str:
         return (self.names[i] if self.names else "") or f"body {i}"
@@ -452,22 +430,21 @@ def scenes(
     around: Around = NOTHING,
     in_one: bool = False,
 ) -> list[Scene]:
-    """The scenes of the panels, at the times of the frames; see `turnings`.
+    """The scenes of the panels, or with `in_one` one scene of all, at the times of the frames; see `turnings`.
 
-    Args:
-        panels: the panels; a coupled path shows all its bodies in one panel.
-        axis, frames, most: as for `turnings`.
-        points: positions in the frame of the body, (a, 3), that are drawn instead of a solid.
-        around: the surroundings of the bodies.
-        in_one: whether the bodies of all panels are drawn in one space.
+    `points`, (a, 3) in the frame of the body, replace the solid. A coupled path shows all its bodies in one panel.
     """
-    groups = [_in_one_space(panels, points, around)] if in_one else [_bodies_of(one, points, around) for one in panels]
-    names = tuple(panel.name for panel in panels) if in_one else ()
+    names = tuple(panel.name for panel in panels)
+    if in_one:
+        groups, titles = [_in_one_space(panels, points, around)], ("",)
+    else:
+        groups, titles, names = [_bodies_of(one, points, around) for one in panels], names, ()
     flat = iter(turnings([one for group in groups for one in group], axis, frames, most))
-    colours = [(ORANGE,) if len(group) == 1 else tuple(colours_of(len(group))) for group in groups]
-    return [
-        Scene(tuple(next(flat) for _ in group), own, names, around) for group, own in zip(groups, colours, strict=True)
-    ]
+    found = list[Scene]()
+    for group, title in zip(groups, titles, strict=True):
+        colours = (ORANGE,) if len(group) == 1 else tuple(colours_of(len(group)))
+        found.append(Scene(tuple(next(flat) for _ in group), colours, names, around, title))
+    return found
 
 
 def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
@@ -486,18 +463,14 @@ def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
     return [panel._replace(shape=shape_of(body, points))]
 
 
-def _are_surfaces(points: Any) -> bool:
-    return isinstance(points, list | tuple) and all(isinstance(one, Surface) for one in points)
-
-
 def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Panel]:
     """Single bodies, all enlarged by one factor."""
     states: list[Any] = [motion_of(panel.path).states for panel in panels]
     for panel, own in zip(panels, states, strict=True):
         check_body(panel.body, own)
-    own = points if _are_surfaces(points) else [points] * len(panels)
-    shapes = [shape_of(panel.body, one) for panel, one in zip(panels, own, strict=True)]
-    sizes = [_size(panel.body, shape) for panel, shape in zip(panels, shapes, strict=True)]
-    magnified = _magnified(sizes, [np.asarray(own.position, float) for own in states], around.box, meet)
-    each = zip(panels, shapes, strict=True)
-    return [panel._replace(shape=shape, magnified=magnified, box=around.box) for panel, shape in each]
+    surfaces = isinstance(points, list | tuple) and all(isinstance(one, Surface) for one in points)
+    each = zip(panels, points if surfaces else [points] * len(panels), strict=True)
+    placed = [panel._replace(shape=shape_of(panel.body, one), box=around.box) for panel, one in each]
+    sizes, tracks = [_size(one.body, one.shape) for one in placed], [np.asarray(own.position, float) for own in states]
+    magnified = _magnified(sizes, tracks, around.box, meet)
+    return [one._replace(magnified=magnified) for one in placed]

@@ -9,17 +9,13 @@ import numpy as np
 from .._checks.arguments import described
 from ..drivers.path import Path
 from ..model import so3
-from ..model.bodies import Body
-from ..model.compatibility import check_body
 from ..model.state import AnyState, State, attitude_of
 from ..model.states import AxisState, Coupled, RigidState, TravellingState
 
 # States with an axis of the body in space.
 OrientedState = RigidState | AxisState | TravellingState
 
-# Compiled, because a picture calls them for each body.
-slerp, to_matrix = jax.jit(so3.slerp), jax.jit(so3.to_matrix)
-_spatial_momentum = jax.jit(lambda states: states.spatial_momentum())
+to_matrix = jax.jit(so3.to_matrix)  # compiled, because a picture calls it for each body
 
 
 class Motion(NamedTuple):
@@ -30,23 +26,12 @@ class Motion(NamedTuple):
     failed: str  # the text on the picture if the run failed; "" if it did not
 
     @property
-    def turning(self) -> "Motion":
-        """Only the rotation of a body that also translates; the motion itself of any other body."""
-        states = self.states
-        return self._replace(states=states.turning) if isinstance(states, TravellingState) else self
-
-    @property
-    def has_axis_alone(self) -> bool:
-        """Whether the states hold only the axis of symmetry and no attitude."""
-        return isinstance(self.turning.states, AxisState)
+    def turning(self) -> Any:
+        return self.states.turning if isinstance(self.states, TravellingState) else self.states
 
     def directions(self, axis: np.ndarray) -> np.ndarray:
-        """The unit vectors in space of an axis of the body, (n, 3).
-
-        Raises:
-            ValueError: the states hold no direction in space, or only the direction of another axis.
-        """
-        states = self.turning.states
+        """The unit vectors in space of an axis of the body, (n, 3); a ValueError if the states do not define them."""
+        states = self.turning
         if isinstance(states, AxisState):
             if abs(axis[2]) < 1 - 1e-6:
                 raise ValueError(
@@ -58,23 +43,11 @@ class Motion(NamedTuple):
             tips = np.asarray(to_matrix(jnp.asarray(attitude_of(states))), float) @ axis
         return tips / np.linalg.norm(tips, axis=1, keepdims=True)
 
-    @property
-    def spatial_momenta(self) -> np.ndarray:
-        """The angular momenta about the centre of mass or the fixed point, in space, (n, 3)."""
-        return np.asarray(_spatial_momentum(self.turning.states), float)
-
-    def turns_by(self, body: Body) -> np.ndarray:
-        """The approximate rotation angles of the body, or of its axis, from each time to the next, (n - 1,)."""
-        check_body(body, self.states)
-        speeds = np.linalg.norm(np.asarray(jax.vmap(body.turning.velocity)(self.turning.states.momentum)), axis=1)
-        return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
-
 
 def motion_of(path: Any, *, together: bool = False) -> Motion:
     """The part of a path of one body before the run failed, without repeated times; `together` allows coupled bodies.
 
-    Raises:
-        ValueError: the argument is not such a path, or fewer than two of its states can be trusted.
+    It raises a ValueError if the argument is no such path, or fewer than two of its states can be trusted.
     """
     states: Any = getattr(path, "states", None)
     if not isinstance(path, Path) or not (isinstance(states, State) and states.own_axes):
@@ -102,9 +75,9 @@ def motion_of(path: Any, *, together: bool = False) -> Motion:
     keep = np.flatnonzero(np.append(True, np.diff(times[:good]) != 0))
     if len(keep) < 2:
         raise ValueError("times of path must differ, got the same time throughout. Integrate with another dt.")
-    kept = jax.tree.map(lambda leaf: leaf[keep], states)
     ok = good == len(times) and bool(path.ok)
-    return Motion(times[keep], kept, "" if ok else f"FAILED after t = {times[good - 1]:.6g}")
+    failed = "" if ok else f"FAILED after t = {times[good - 1]:.6g}"
+    return Motion(times[keep], jax.tree.map(lambda leaf: leaf[keep], states), failed)
 
 
 def path_of_one(path: Any, i: int) -> Any:

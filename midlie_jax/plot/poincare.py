@@ -24,7 +24,7 @@ _Function = Callable[[Any, Any], Any]
 
 
 class Crossings(NamedTuple, TypedBy[States]):
-    """The crossings of a surface, in the order of the path; in annotations `Crossings[RigidState]`.
+    """The k crossings of a surface, in the order of the path; k may be 0. In annotations `Crossings[RigidState]`.
 
     Attributes:
         times: (k,).
@@ -40,8 +40,6 @@ class Crossings(NamedTuple, TypedBy[States]):
         >>> found = ml.plot.poincare(Figure().add_subplot(), path, second, first, third, direction=0)
         >>> found.times.shape, found.states.attitude.shape
         ((1,), (1, 4))
-        >>> found.times.round(2)
-        array([14.27])
     """
 
     times: np.ndarray
@@ -66,25 +64,21 @@ def poincare(
     The dots lie on a curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Physica D 5 (1982)
     412).
 
-    If `section` has different signs at two neighbouring saved states, the numbers of a state, such as momentum,
-    attitude and position, are interpolated by a cubic through the four nearest saved states. Bisection on this cubic
-    finds the crossing. The error of a crossing is therefore of fourth order in the time between saved states; save some
-    twenty states per period of `section`. If `section` jumps, as an angle does from pi to -pi, a change of sign at a
-    jump is not a crossing. Call `poincare` again on the same axes for another initial state.
+    If `section` has different signs at two neighbouring saved states, the arrays of the state are interpolated by a
+    cubic through the four nearest saved states, and bisection finds the crossing. Its error is of fourth order in the
+    time between saved states; save some twenty states per period of `section`. If `section` jumps, as an angle does
+    from pi to -pi, a change of sign at a jump is not a crossing. Call `poincare` again on the same axes for another
+    initial state.
 
     Args:
         axes: matplotlib's axes; their labels are not set.
-        path: a `Path` of one body, with at least 4 saved states, from `integrate`,
-            `integrate_variable_step` or `free_motion`, with any state of one body, or of coupled bodies.
+        path: a `Path` of one body, or of coupled bodies, with at least 4 saved states of any kind.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` increases along the path, -1 if it decreases, 0 for both.
         colour: colour of the dots, any of matplotlib's.
         label: a name for the dots, in the legend.
         size: size of the dots, points.
-
-    Returns:
-        The crossings; with arrays of length 0 if there are none.
 
     Raises:
         ValueError: the path is not of one body or has too few states; an argument is not a function, or its value is
@@ -109,9 +103,8 @@ def poincare(
         raise ValueError(f"path must have {_NEIGHBOURS} good states, got {len(motion.times)}. Save more often.")
     times, states = _crossings(motion, section, direction)
     points = np.stack([_values(name, f, times, states) for name, f in (("x", x), ("y", y))], axis=1)
-    axes.plot(
-        *points.T, linestyle="", marker="o", markersize=size, markeredgewidth=0, color=colour or BLUE, label=label
-    )
+    style: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": size, "markeredgewidth": 0}
+    axes.plot(*points.T, color=colour or BLUE, label=label, **style)
     if label and len(points):
         name_in_legend(axes)
     remark(axes, motion.failed)
@@ -151,26 +144,24 @@ def _crossings(motion: Motion, section: _Function, direction: int) -> tuple[Any,
 
 
 @partial(jax.jit, static_argnums=0)
-def _bisected(section: _Function, times: Array, states: Any, places: Array, signs: Array) -> tuple[Array, Any, Array]:
-    """The times and states at which `section` vanishes, and its value there, from four states per crossing.
+@partial(jax.vmap, in_axes=(None, 0, 0, 0, 0))
+def _bisected(section: _Function, times: Array, states: Any, place: Array, sign: Array) -> tuple[Array, Any, Array]:
+    """The time and state at which `section` vanishes, and its value there, from four states around a crossing.
 
-    `places` are the indices, among the four, of the state before the crossing; `signs` are 1 if `section` increases.
+    `place` is the index, among the four, of the state before the crossing; `sign` is 1 if `section` increases, else -1.
     """
 
-    def crossing(times: Array, states: Any, place: Array, sign: Array) -> tuple[Array, Any, Array]:
-        def value(t: Array) -> Array:
-            return jnp.asarray(section(t, _interpolated(t, times, states)))
+    def value(t: Array) -> Array:
+        return jnp.asarray(section(t, _interpolated(t, times, states)))
 
-        def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-            middle = (ends[0] + ends[1]) / 2
-            before = sign * value(middle) < 0
-            return jnp.where(before, middle, ends[0]), jnp.where(before, ends[1], middle)
+    def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        middle = (ends[0] + ends[1]) / 2
+        before = sign * value(middle) < 0
+        return jnp.where(before, middle, ends[0]), jnp.where(before, ends[1], middle)
 
-        low, high = jax.lax.fori_loop(0, _HALVINGS, halve, (times[place], times[place + 1]))
-        t = (low + high) / 2
-        return t, _interpolated(t, times, states), value(t)
-
-    return jax.vmap(crossing)(times, states, places, signs)
+    low, high = jax.lax.fori_loop(0, _HALVINGS, halve, (times[place], times[place + 1]))
+    t = (low + high) / 2
+    return t, _interpolated(t, times, states), value(t)
 
 
 def _interpolated(t: Array, times: Array, states: Any) -> Any:

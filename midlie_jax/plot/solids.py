@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks.arguments import as_floats, require_finite
+from .._checks.arguments import as_finite
 from ..model import so3
 from ..model.bodies import RigidBody, SymmetricRotor, TensorBody, principal_of
 from ..model.compatibility import body_named
@@ -50,12 +50,8 @@ class Shape(NamedTuple):
 def shape_of(body: Any, points: Any = None) -> Shape:
     """A box with the moments of a rigid body; for a `SymmetricRotor` a cylinder, or a rod if only one moment is known.
 
-    Flat and thin bodies are drawn with some thickness. Points (a, 3) in the frame of the body, such as the atoms of a
-    molecule, or a `Surface` of triangles replace the solid.
-
-    Raises:
-        ValueError: the body is not one body that rotates; the points have another shape, or the body has no mass, which
-            gives them their scale.
+    Flat and thin bodies are drawn with some thickness. Points (a, 3) in the frame of a body with a mass, which gives
+    them their scale, or a `Surface` of triangles replace the solid.
     """
     turning = body.turning if isinstance(body, FreeBody) else body
     if not isinstance(turning, RigidBody | TensorBody | SymmetricRotor):
@@ -71,10 +67,9 @@ def shape_of(body: Any, points: Any = None) -> Shape:
         return solid
     if isinstance(points, Surface):
         return _surface(body, points)
-    sites = np.asarray(as_floats("points", points), float)
+    sites = np.asarray(as_finite("points", points), float)
     if sites.ndim != 2 or sites.shape[1] != 3 or not len(sites):
         raise ValueError(f"points must be (a, 3), positions in the frame of the body, got {sites.shape}.")
-    require_finite("points", sites)
     if not isinstance(body, FreeBody):
         raise ValueError(f"body must be a FreeBody, whose mass gives points their scale, got {body_named(body)}.")
     return Shape(sites * (CORNER * float(body.mass) ** 0.5 / solid.reach), (), False, solid.reach)

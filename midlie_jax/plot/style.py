@@ -19,11 +19,7 @@ SIZE = 8.5  # font size of names in a panel, points
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty matplotlib figure; width and height in inches.
-
-    Raises:
-        ImportError: matplotlib is missing.
-    """
+    """An empty matplotlib figure; width and height in inches. An ImportError if matplotlib is missing."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -43,6 +39,12 @@ def colours_of(count: int) -> list[str]:
     return ["#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed.tolist()]
 
 
+def circle(count: int) -> np.ndarray:
+    """Points (count, 3) around the unit circle in the xy plane."""
+    angle = np.linspace(0, 2 * np.pi, count)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+
+
 def time_text(t: float) -> str:
     """A time as text on a picture: with four digits, or whole if it is large."""
     return f"{t:,.0f}" if 1e4 <= abs(t) < 1e7 else f"{t:.4g}"
@@ -54,21 +56,18 @@ def ink(axes: Any) -> Any:
 
 
 def is_3d(axes: Any) -> bool:
-    """Whether matplotlib's axes are made with projection="3d"."""
     return getattr(axes, "name", "") == "3d"
 
 
 def remark(axes: Any, text: str) -> None:
     """Writes a small text at the lower left of a panel, above earlier remarks; nothing for ""."""
-    if not text:
-        return
     mark = "midlie_jax.plot.remark"
     above = sum(other.get_gid() == mark for other in axes.texts)
     place = {"xytext": (4.0, 4.0 + 1.4 * SIZE * above), "xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(text, (0.0, 0.0), fontsize=SIZE, color=ink(axes), gid=mark, **place)
+    if text:
+        axes.annotate(text, (0.0, 0.0), fontsize=SIZE, color=ink(axes), gid=mark, **place)
 
 
 def name_in_legend(axes: Any) -> None:
-    """Shows the labels of all lines on the axes in a legend."""
     style = {"fontsize": SIZE, "labelcolor": ink(axes), "markerscale": 2.0, "framealpha": 0.7, "edgecolor": "none"}
     axes.legend(loc="upper left" if is_3d(axes) else "best", **style)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .model import Bodies, Paths, Scene, around_of, grid, panels, picture_file, scenes
 from .solids import ball
-from .style import BLUE, GREEN, GREY, ORANGE, PLANET, SKY, time_text
+from .style import BLUE, GREEN, GREY, ORANGE, PLANET, SKY, circle, time_text
 
 _MOST_FRAMES = 1000
 _MOST_POINTS = 4000
@@ -55,8 +55,6 @@ class View:
         file: the last file written; None if there is none.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> view = ml.plot.view(body, path)  # as the last line of a notebook's cell it shows itself
         >>> view.write("top.html").name
@@ -79,19 +77,13 @@ class View:
         return to_html(self._figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
 
     def write(self, file: str | Path) -> Path:
-        """Writes the page to a file .html, replacing an existing one, and returns the path of the file.
-
-        Raises:
-            ValueError: the name has another ending.
-            OSError: the file cannot be written.
-        """
+        """Writes the page to a file .html, replacing an existing one; a ValueError if the name has another ending."""
         target = picture_file(file, ".html")
         target.write_text(self.html, encoding="utf-8")
         self.file = target
         return target
 
-    def _repr_html_(self) -> str:
-        """The page in a separate HTML frame, so that page and notebook do not interfere."""
+    def _repr_html_(self) -> str:  # in a frame, so that page and notebook do not interfere
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
 
     def __repr__(self) -> str:
@@ -116,29 +108,19 @@ def view(
 
     It shows what `animate` draws, for one body at rest also the angular momentum over its largest length, with its
     path. The page contains plotly, some 5 MB, and works without a network. It is light or dark according to the
-    browser.
+    browser. From more than 4,000 saved states, every second, third, ... is drawn.
 
     Args:
-        body: as for `animate`.
-        path: as for `animate`. From more than 4,000 saved states, every second, third, ... is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
-        axis: as for `animate`.
         frames: number of evenly spaced times, at most 1,000.
-        title: a line above the picture.
-        points, together, box, planet: as for `animate`.
-
-    Returns:
-        The `View`, whose `file` is the written file.
+        body, path, axis, title, points, together, box, planet: as for `animate`.
 
     Raises:
-        ValueError: a path is not of one body with attitudes or axes, or not of this kind of body, or its first two
-            states are bad; an argument is out of range.
+        ValueError: as for `animate`.
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> view = ml.plot.view(body, path, "top.html")
         >>> view.file.name
@@ -151,7 +133,7 @@ def view(
     shown = scenes(given, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
     if find_spec("plotly") is None:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
-    figure = _figure([""] if together else [panel.name for panel in given], shown, title)
+    figure = _figure(shown, title)
     # Blue lines get another blue on a dark page, except lines whose colour identifies a body.
     alone = [_scene(k) for k, scene in enumerate(shown) if scene.alone]
     lines = [one["scene"] in alone and one.get("line", {}).get("color") == BLUE for one in figure["data"]]
@@ -161,22 +143,21 @@ def view(
     return found
 
 
-def _figure(names: Sequence[str], shown: Sequence[Scene], title: str) -> dict[str, Any]:
+def _figure(shown: Sequence[Scene], title: str) -> dict[str, Any]:
     """The picture as plotly's dictionary."""
     still, first, digits = list[dict[str, Any]](), list[dict[str, Any]](), [_digits(scene) for scene in shown]
     for k, (scene, own) in enumerate(zip(shown, digits, strict=True)):
         place = {"scene": _scene(k)} | ({"showlegend": False} if k else {})  # the legend lists the first panel
-        still += [trace | place for trace in _still(scene, own)]
-        first += [trace | place for trace in _moving(scene, own)]
-    moving = list(range(len(still), len(still) + len(first)))
+        moving = zip(_moving_points(scene, 0), _moving(scene), strict=True)
+        for traces, found in ((still, _still(scene)), (first, moving)):
+            traces += [trace | _coordinates(points, own) | place for points, trace in found]
     # Later frames hold only coordinates; colours come from the first frame, or from the reader's browser.
-    times = [float(t) for t in shown[0].times]
-    frames = list[dict[str, Any]]()
-    for k in range(len(times)):
+    places, frames = list(range(len(still), len(still) + len(first))), list[dict[str, Any]]()
+    for k in range(len(shown[0].members[0].times)):
         each = zip(shown, digits, strict=True)
         data = [_coordinates(points, own) for scene, own in each for points in _moving_points(scene, k)]
-        frames.append({"name": str(k), "data": data, "traces": moving})
-    return {"data": still + first, "layout": _layout(names, shown, title, times), "frames": frames}
+        frames.append({"name": str(k), "data": data, "traces": places})
+    return {"data": still + first, "layout": _layout(shown, title), "frames": frames}
 
 
 def _scene(k: int) -> str:
@@ -184,35 +165,32 @@ def _scene(k: int) -> str:
     return f"scene{k + 1}" if k else "scene"
 
 
-def _still(scene: Scene, digits: int) -> list[dict[str, Any]]:
+def _still(scene: Scene) -> list[tuple[np.ndarray, dict[str, Any]]]:
     """The sphere with the paths on it and the axes of space; or the tracks and the surroundings."""
     first = scene.members[0]
     every = -(-len(first.path_times) // _MOST_POINTS)
     if scene.limits is None:
-        angle = np.linspace(0, 2 * np.pi, 73)
-        circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-        axes = [np.stack([np.zeros(3), 1.15 * direction]) for direction in np.eye(3)]
+        axes = _joined(np.stack([np.zeros(3), 1.15 * direction]) for direction in np.eye(3))
+        sphere = _joined(np.roll(circle(73), i, axis=1) for i in range(3))
         letters = ["", "x", "", "", "y", "", "", "z", ""]
+        momentum = "path of the angular momentum"
         return [
-            _line(_joined(axes), "space", GREY, 3, digits) | {"mode": "lines+text", "text": letters},
-            _line(_joined(np.roll(circle, i, axis=1) for i in range(3)), "unit sphere", GREY, 1, digits, opacity=0.6),
-            _line(first.path_tips[::every], f"path of {first.axis}", BLUE, 3, digits, showlegend=True),
-            _line(first.path_momenta[::every], "path of the angular momentum", GREEN, 3, digits, showlegend=True),
+            (axes, _line("space", GREY, 3) | {"mode": "lines+text", "text": letters}),
+            (sphere, _line("unit sphere", GREY, 1, opacity=0.6)),
+            (first.path_tips[::every], _line(f"path of {first.axis}", BLUE, 3, showlegend=True)),
+            (first.path_momenta[::every], _line(momentum, GREEN, 3, showlegend=True)),
         ]
-    found = list[dict[str, Any]]()
+    found = list[tuple[np.ndarray, dict[str, Any]]]()
     if scene.around.planet is not None:
         points, triangles = ball(scene.around.planet)
         light = {"ambient": 0.6, "diffuse": 0.6, "specular": 0.0}
-        found.append(_mesh("planet", points, triangles, digits, color=PLANET, lighting=light))
+        found.append((points, _mesh("planet", triangles, color=PLANET, lighting=light)))
     if edges := scene.around.edges:
-        found.append(_line(_joined(edges), "box", GREY, 2, digits))
-    if scene.tracks and not scene.few:
-        tracks = (travel.track[::every] for _, travel, _, _ in scene.tracks)
-        return [*found, _line(_joined(tracks), "paths", GREY, 1, digits)]
-    return found + [
-        _line(travel.track[::every], name, colour, 3, digits, showlegend=True)
-        for _, travel, name, colour in scene.tracks
-    ]
+        found.append((_joined(edges), _line("box", GREY, 2)))
+    tracks = [(travel.track[::every], name, colour) for _, travel, name, colour in scene.tracks]
+    if tracks and not scene.few:
+        return [*found, (_joined(track for track, _, _ in tracks), _line("paths", GREY, 1))]
+    return found + [(track, _line(name, colour, 3, showlegend=True)) for track, name, colour in tracks]
 
 
 def _moving_points(scene: Scene, k: int) -> list[np.ndarray]:
@@ -226,24 +204,22 @@ def _moving_points(scene: Scene, k: int) -> list[np.ndarray]:
     return found + [member.placed(k, np.stack([np.zeros(3), end])) for member, end in ends]
 
 
-def _moving(scene: Scene, digits: int) -> list[dict[str, Any]]:
-    """The bodies and, unless they are many, their axes at the first frame; for one body also its momentum."""
-    points = iter(_moving_points(scene, 0))
+def _moving(scene: Scene) -> list[dict[str, Any]]:
+    """The bodies and, unless they are many, their axes; for one body also its momentum. They lack their points."""
     if scene.solid:
-        found = [_solids(scene, next(points), digits)]
+        found = [_solids(scene)]
     else:
         colours, sizes = scene.styles_of_sites(*(_DOTS if scene.few else _MANY_DOTS))
         dots = {"mode": "markers", "marker": {"color": colours, "size": sizes}}
-        found = [_line(next(points), "points", GREY, 1, digits, **dots)]
-        found.append(_line(next(points), "bonds", GREY, 4 if scene.few else 2, digits))
+        found = [_line("points", GREY, 1, **dots), _line("bonds", GREY, 4 if scene.few else 2)]
     ends = [(name, colour) for _, name, colour in scene.axes] + [("angular momentum", GREEN)] * scene.alone
     for name, colour in ends:
         dots = {"mode": "lines+markers", "marker": {"color": colour, "size": [0, 5]}}
-        found.append(_line(next(points), name, colour, 7, digits, **dots, showlegend=True))
+        found.append(_line(name, colour, 7, **dots, showlegend=True))
     return found
 
 
-def _solids(scene: Scene, points: np.ndarray, digits: int) -> dict[str, Any]:
+def _solids(scene: Scene) -> dict[str, Any]:
     """All solids as one mesh; the faces of a single body have different colours."""
     corners, colours, begin = list[tuple[int, int, int]](), list[str](), 0
     for member, own in zip(scene.members, scene.colours, strict=True):
@@ -255,17 +231,17 @@ def _solids(scene: Scene, points: np.ndarray, digits: int) -> dict[str, Any]:
             colours.extend([several[min(place, len(several) - 1)] if scene.alone else own] * len(triangles))
         begin += len(member.shape.corners)
     light = {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05}
-    return _mesh("body", points, np.array(corners), digits, facecolor=colours, flatshading=True, lighting=light)
+    return _mesh("body", np.array(corners), facecolor=colours, flatshading=True, lighting=light)
 
 
-def _mesh(name: str, points: np.ndarray, triangles: np.ndarray, digits: int, **style: Any) -> dict[str, Any]:
+def _mesh(name: str, triangles: np.ndarray, **style: Any) -> dict[str, Any]:
     corners = dict(zip("ijk", triangles.T.tolist(), strict=True))
-    return {"type": "mesh3d", "name": name, **_coordinates(points, digits), **corners, "hoverinfo": "skip", **style}
+    return {"type": "mesh3d", "name": name, **corners, "hoverinfo": "skip", **style}
 
 
-def _line(points: np.ndarray, name: str, colour: str, width: int, digits: int, **more: Any) -> dict[str, Any]:
+def _line(name: str, colour: str, width: int, **more: Any) -> dict[str, Any]:
     trace = {"type": "scatter3d", "mode": "lines", "name": name, "line": {"color": colour, "width": width}}
-    return {**trace, "hoverinfo": "skip", "showlegend": False, **_coordinates(points, digits), **more}
+    return {**trace, "hoverinfo": "skip", "showlegend": False, **more}
 
 
 def _joined(lines: Iterable[np.ndarray]) -> np.ndarray:
@@ -291,27 +267,22 @@ def _digits(scene: Scene) -> int:
     return _DIGITS + 1 - int(np.ceil(np.log10(np.max(np.ptp(scene.limits, axis=0)))))
 
 
-def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Sequence[float]) -> dict[str, Any]:
+def _layout(shown: Sequence[Scene], title: str) -> dict[str, Any]:
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
-    steps = [{"method": "animate", "label": time_text(t), "args": [[str(k)], stop]} for k, t in enumerate(times)]
+    times = map(time_text, shown[0].members[0].times.tolist())
+    steps = [{"method": "animate", "label": t, "args": [[str(k)], stop]} for k, t in enumerate(times)]
     rows, columns = grid(len(shown))
     corners = [(k % columns, k // columns) for k in range(len(shown))]
     places = [((i / columns, (i + 1) / columns), (1 - (j + 1) / rows, 1 - j / rows)) for i, j in corners]
-    words = ["<br>".join([f"<b>{n}</b>"] * bool(n) + [*one.remarks]) for n, one in zip(names, shown, strict=True)]
+    words = ["<br>".join([f"<b>{one.title}</b>"] * bool(one.title) + [*one.remarks]) for one in shown]
     alone = len(shown) == 1
     heading = "<br>".join(filter(None, [title, words[0]])) if alone else title
     legend = {"x": 0.02, "y": 0.98} if alone else {"x": 0.02, "y": 1.0, "yanchor": "bottom", "orientation": "h"}
-    corner = {
-        "xref": "paper",
-        "yref": "paper",
-        "showarrow": False,
-        "align": "left",
-        "xanchor": "left",
-        "yanchor": "top",
-    }
+    corner = {"align": "left", "xanchor": "left", "yanchor": "top"}
+    paper = {"xref": "paper", "yref": "paper", "showarrow": False, **corner}
     each = zip(words, places, strict=True)
-    notes = [{"text": text, **corner, "x": x[0] + 0.02, "y": y[1] - 0.01} for text, (x, y) in each]
+    notes = [{"text": text, **paper, "x": x[0] + 0.02, "y": y[1] - 0.01} for text, (x, y) in each]
     lower_left = {"x": 0.02, "y": 0.0, "xanchor": "left", "yanchor": "top", "pad": {"t": 42}}
     buttons = [
         {"label": "play", "method": "animate", "args": [None, play]},

@@ -8,7 +8,6 @@ settings of JAX under which it was made.
 import hashlib
 import os
 import re
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -21,9 +20,8 @@ from ..drivers.ensemble import Batch
 from ..drivers.integrate import run_of_body
 from ..drivers.observe import Observe, Statistic
 from ..drivers.observe.series import Series
-from .attributes import versions
 from .plan import Plan
-from .variables import named, numbers
+from .variables import named, numbers, versions
 
 UNSEEN = "code that is not in the program"
 _NUMBERS_SHOWN = 4
@@ -46,7 +44,8 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = Non
     """
     body, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
     program = _program(batch, observe)
-    hidden = _unseen(program)
+    calls = [call["name"] for call in _CALL.finditer(program) if call["results"].strip() not in ("()", "tuple<>")]
+    hidden = sorted({name for name in calls if not _KNOWN.match(name)} | set(re.findall("dense_resource", program)))
     flags = sorted(os.environ.get("XLA_FLAGS", "").split())
     observed = jax.tree.leaves(eqx.filter(observe, eqx.is_array))
     return {
@@ -59,11 +58,7 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = Non
         "bodies of a group": str(plan.group),
         "saved states of a span": str(plan.span),
         "chunk": str(plan.chunk),
-        **_contents("", {"dt": dt, "t0": t0}),
-        **_contents("body.", body),
-        **_contents("torque.", torque),
-        **_contents("start.", start),
-        **_contents("carry.", given),
+        **_contents({"dt": dt, "t0": t0, "body": body, "torque": torque, "start": start, "carry": given}),
         "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*observed)}",
         "program (the code of method, torque and observe, and the numbers in it)": _hash(text=program),
         **({UNSEEN: ", ".join(hidden)} if hidden else {}),
@@ -82,8 +77,8 @@ def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
     ]
 
 
-def _contents(prefix: str, tree: Any) -> dict[str, str]:
-    arrays = {f"{prefix}{name}": numbers(x) for name, x in named(eqx.filter(tree, eqx.is_array), ".").items()}
+def _contents(tree: Any) -> dict[str, str]:
+    arrays = {name: numbers(x) for name, x in named(eqx.filter(tree, eqx.is_array), ".").items()}
     return {
         name: str(x.tolist()) if x.size <= _NUMBERS_SHOWN else f"{x.dtype}{list(x.shape)} {_hash(x)}"
         for name, x in arrays.items()
@@ -103,9 +98,8 @@ def _program(batch: Batch, observe: Observe | None) -> str:
     arrays, functions = eqx.partition(eqx.combine(mapped, shared), eqx.is_array)
 
     def run(arrays: Any) -> Any:
-        run_one: Callable[..., Any] = run_of_body
-        arguments = eqx.combine(arrays, functions)
-        path = run_one(batch.method, as_adjoint(None), arguments, jnp.int32(0), 2, 1, None, None, observe)
+        of_body = eqx.combine(arrays, functions), jnp.int32(0), 2, 1, None, None, observe
+        path: Any = run_of_body(batch.method, as_adjoint(None), *of_body)
         return path, _combined(observe, path.states) if isinstance(observe, Statistic) else None
 
     return jax.jit(run).lower(arrays).as_text()
@@ -120,9 +114,3 @@ def _combined(observe: Statistic, values: Any) -> Any:
     good = jnp.ones(len(jax.tree.leaves(values)[0]), bool)
     part = jax.tree.map(lambda x: x[None, None], observe.part(values, good))
     return observe.finished(observe.merged(part))
-
-
-def _unseen(program: str) -> list[str]:
-    """The names of the calls in a program whose code is outside it, so that changes cannot be detected."""
-    found = [call["name"] for call in _CALL.finditer(program) if call["results"].strip() not in ("()", "tuple<>")]
-    return sorted({name for name in found if not _KNOWN.match(name)} | set(re.findall("dense_resource", program)))

@@ -40,8 +40,6 @@ class Progress(NamedTuple):
 
     def all_seen(self) -> Arrays:
         """The values that the part will write, in one piece."""
-        if len(self.seen) == 1:
-            return self.seen[0]
         names = self.seen[0] if self.seen else {}
         return {name: np.concatenate([piece[name] for piece in self.seen], axis=1) for name in names}
 
@@ -110,28 +108,19 @@ class Computation(NamedTuple):
 
     def compute(self, part: Part, before: Progress, steps: int, tables: Any) -> Progress:
         """The group after a leg of about `steps` steps in a part; waits for the result."""
+        method, _, mapped, shared = self.batch
         plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
-        stop = next_stop(before.steps, steps, iteration(self.batch.method, every), every)
-        stop = min(stop, plan.steps(part.span))
+        stop = min(next_stop(before.steps, steps, iteration(method, every), every), plan.steps(part.span))
         # From NumPy arrays, because for arrays on a mesh JAX would compile the program again.
         begun, first_bad, carried = jax.tree.map(jnp.asarray, (before.begun, before.first_bad, before.carried))
-        given = jax.tree.map(lambda x: x[rows], self.given)
+        mapped, given = jax.tree.map(lambda x: x[rows], (mapped, self.given))
+        first, exist = plan.first_step(part.span), jnp.asarray(np.arange(plan.group) < plan.bodies_in(part.group))
         # At the end of a part alone, so that legs change no result.
-        judged = plan.first_step(part.span) - plan.begin + stop if stop == plan.steps(part.span) else 0
-        found = _compute(
-            self.batch.method,
-            Values(self.observe.observable) if isinstance(self.observe, Series) else self.observe,
-            jax.tree.map(lambda x: x[rows], self.batch.mapped),
-            self.batch.shared,
-            begun,
-            first_bad,
-            jnp.asarray(np.arange(part.group * plan.group, part.group * plan.group + len(rows)) < plan.bodies),
-            jnp.int32(plan.first_step(part.span)),
-            plan,
-            self.mesh,
-            tables,
-            Leg(jnp.int32(before.steps), jnp.int32(stop), jnp.int32(judged), carried, given),
-        )
+        judged = first - plan.begin + stop if stop == plan.steps(part.span) else 0
+        leg = Leg(jnp.int32(before.steps), jnp.int32(stop), jnp.int32(judged), carried, given)
+        observe = Values(self.observe.observable) if isinstance(self.observe, Series) else self.observe
+        where = exist, jnp.int32(first), plan, self.mesh, tables, leg
+        found = _compute(method, observe, mapped, shared, begun, first_bad, *where)
         seen, carried, first_bad = jax.tree.map(np.asarray, found)
         # The previous part writes the initial state of a part.
         new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
@@ -140,7 +129,14 @@ class Computation(NamedTuple):
         piece = {name: values[real, new].copy() for name, values in seen.items()}
         pieces = (*before.seen, piece) if new.stop > new.start else before.seen
         after = before._replace(carried=carried, first_bad=first_bad, steps=stop, seen=pieces)
-        return self._with_series(part, after) if stop == plan.steps(part.span) else after
+        if stop < plan.steps(part.span) or not isinstance(self.observe, Series):
+            return after
+        # A complete part writes the statistic over all times up to its end instead of its values.
+        like, seen, saves = value_leaves(self.batch, self.observe), after.all_seen(), plan.saves_of(part.span)
+        values = jax.tree.unflatten(jax.tree.structure(like), [seen[name] for name in named(like)])
+        good = np.arange(saves.start, saves.stop)[None] < first_bad[real, None]
+        found, series = jax.tree.map(np.asarray, _combined(self.observe, after.series, values, good))
+        return after._replace(seen=(named(found),), series=series)
 
     def _series(self, group: int) -> Any:
         """The initial carry of a statistic over times for a group; None without such a statistic."""
@@ -148,20 +144,6 @@ class Computation(NamedTuple):
             return None
         carried = self.observe.begun(self.plan.bodies_in(group), value_leaves(self.batch, self.observe))
         return jax.tree.map(np.asarray, carried)
-
-    def _with_series(self, part: Part, progress: Progress) -> Progress:
-        """A complete part that writes the statistic over all times up to its end instead of its values."""
-        if not isinstance(self.observe, Series):
-            return progress
-        structure = jax.tree.structure(value_leaves(self.batch, self.observe))
-        seen = progress.all_seen()
-        names = named(jax.tree.unflatten(structure, range(structure.num_leaves)))
-        values = jax.tree.unflatten(structure, [seen[name] for name in names])
-        saves = self.plan.saves_of(part.span)
-        real = slice(self.plan.bodies_in(part.group))
-        good = np.arange(saves.start, saves.stop)[None] < progress.first_bad[real, None]
-        found, series = jax.tree.map(np.asarray, _combined(self.observe, progress.series, values, good))
-        return progress._replace(seen=(named(found),), series=series)
 
     def rows(self, group: int) -> np.ndarray:
         """The bodies of a group; the last group is padded with copies, so that one compiled program serves all."""
@@ -202,9 +184,7 @@ def _compute(
     path = run_ensemble(*run, observe, mesh, counted, tables, leg, begins=begun)
     local = jnp.where(path.ok, path.first_bad, jnp.minimum(path.first_bad, last))
     found = jnp.where(local <= last, (first - plan.begin) // every + local, plan.saves)
-    seen = path.states
-    if isinstance(observe, Statistic):
-        seen = jax.tree.map(lambda x: x[None], seen)
+    seen = jax.tree.map(lambda x: x[None], path.states) if isinstance(observe, Statistic) else path.states
     return named(seen), path.carry.progress, jnp.minimum(first_bad, found)
 
 

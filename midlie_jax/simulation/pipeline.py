@@ -1,8 +1,7 @@
 """Computes the parts of a run in sequence, while a thread writes the earlier parts.
 
 A long part of a run is computed in legs (`drivers/steps.py`) of a few seconds each. A checkpoint of the progress is
-written after some of the legs, so that a kill loses at most half a minute of work. Only the elapsed time decides when,
-and the numbers do not depend on it.
+written after some of the legs. Only the elapsed time decides when, and the numbers do not depend on it.
 """
 
 import time
@@ -16,10 +15,9 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from .memory import Memory
 from .parts import Computation, Progress
 from .plan import Part
-from .store import Store
+from .store import Memory
 
 R = TypeVar("R")
 _AHEAD = 2  # the most unfinished writes; with more, the computation waits for the first
@@ -57,7 +55,7 @@ def compute_and_write(
     computation: Computation,
     parts: Iterable[Part],
     groups: dict[int, Progress],
-    file: Store | Memory,
+    file: Memory,
     written: Callable[[int], Any],
 ) -> None:
     """Computes and writes the parts in sequence; calls `written` in this thread with the body-steps of each write.
@@ -113,12 +111,7 @@ def compute_and_write(
 
 @contextmanager
 def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int) -> Generator[Callable[[int], Any]]:
-    """A function that accepts the number of written body-steps; the first process shows a bar.
-
-    Args:
-        progress: see `simulate`.
-        total, done: number of body-steps of this process, and how many of them need not be computed.
-    """
+    """A function that accepts the number of written body-steps; the first process shows a bar that begins at `done`."""
     if callable(progress):
         yield progress
         return
@@ -133,28 +126,18 @@ def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int
         yield bar.update
 
 
-def wait(name: str) -> None:
-    """Returns when all processes of the run have called it with this name; a single process does not wait."""
-    if jax.process_count() > 1:
-        from jax.experimental.multihost_utils import sync_global_devices
-
-        sync_global_devices(name)
-
-
 def all_succeed(work: Callable[[], R]) -> R:
-    """The result of `work`; raises in all processes if it raises in one, so that no process waits forever."""
+    """The result of `work`, when all processes have theirs; raises in all if it raises in one, so that none waits."""
     if jax.process_count() == 1:
         return work()
     from jax.experimental.multihost_utils import process_allgather
 
-    result, error = None, None
     try:
         result = work()
-    except Exception as caught:  # raised below, after the other processes are informed
-        error = caught
-    failed = np.flatnonzero(process_allgather(np.array(error is not None)))
-    if error is not None:
-        raise error
+    except Exception:
+        process_allgather(np.array(True))  # informs the other processes
+        raise
+    failed = np.flatnonzero(process_allgather(np.array(False)))
     if failed.size:
         raise RuntimeError(f"process {failed[0]} of this run failed; its own message says why.")
-    return result  # pyright: ignore[reportReturnType]
+    return result

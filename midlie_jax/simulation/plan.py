@@ -9,17 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..drivers.chunks import even_size
-
 Arrays = dict[str, np.ndarray]
 BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
-
-_BYTES = 2**25  # about the size of one part in the file
-# The most body-steps of one part, unless two saved states need more. Most runs then write a part several times per
-# minute, so that a reader of the file sees progress. The work lost by a kill does not depend on it, see `pipeline.py`.
-_BODY_STEPS = 3 * 10**7
-GROUP_SIZE = 2**15  # bodies of one group, by default
-CARRIED = 2**28  # the most bytes that a group carries between spans for a statistic over times, by default
 
 
 class Part(NamedTuple):
@@ -93,22 +84,3 @@ class Plan(NamedTuple):
     def groups_of(self, process: int, processes: int) -> range:
         """The groups that a process computes: consecutive, and distributed as evenly as possible."""
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
-
-
-def sizes(bodies: int, group: int | None, chunk: int | None, longest: int, most: int = GROUP_SIZE) -> tuple[int, int]:
-    """The bodies of a group and of a chunk: as requested, or at most `most` and `longest`, and divided evenly."""
-    if group is None:
-        group = _evenly(bodies, most)
-        chunk = chunk or _evenly(group, longest)
-        return min(-(-group // chunk) * chunk, bodies), chunk
-    return min(group, bodies), chunk or _evenly(min(group, bodies), longest)
-
-
-def _evenly(count: int, most: int) -> int:
-    """The size of parts for as few parts of at most `most` as possible; only the last may be smaller."""
-    return even_size(count, -(-count // most))
-
-
-def span_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
-    """The default number of saved states per span, from the bytes per saved state of one body in the file."""
-    return max(2, int(min(_BYTES / max(group * bytes_a_save, 1), _BODY_STEPS / (group * save_every))))

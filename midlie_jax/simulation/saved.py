@@ -16,11 +16,9 @@ from ..model.bodies import RigidBody, SymmetricRotor, TensorBody
 from ..model.free_body import FreeBody
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
-from .attributes import unfolded
-from .variables import parameter
+from .variables import parameter, unfolded
 
-_KNOWN = AxisState, FreeState, FreeAxisState, *Coupled.__subclasses__()
-_KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in _KNOWN}
+_KINDS = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState, *Coupled.__subclasses__())}
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
 
 
@@ -56,8 +54,8 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
         body: the index of the body, from 0; for coupled bodies, the index of the copy of all of them.
 
     Raises:
-        ValueError: the file is not of such a run, is damaged, or has no attitudes (or axes, or positions) or no moments
-            of inertia (or mass); there is no such body.
+        ValueError: the file is not of such a run, is damaged, or lacks an array of the state or the body; there is no
+            such body.
         ImportError: the file is a .zarr and the extra `io` is not installed.
         OSError: the file cannot be read.
 
@@ -74,9 +72,9 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     if not source.exists():
         raise ValueError(f"there is no {source}; write one with midlie run --out, or midlie_jax.simulate.")
     arrays = _arrays(source)
-    kind = _KINDS.get(str(arrays.get("state")), RigidState)
-    wanted = {new: _NAMES.get(new, (new,)) for new in (*_fields(kind), "times")}
-    names = {new: old for new, known in wanted.items() for old in reversed(known) if old in arrays}
+    kind: type[AnyState] = _KINDS.get(str(arrays.get("state")), RigidState)
+    wanted = *kind.described(), "times"
+    names = {new: old for new in wanted for old in reversed(_NAMES.get(new, (new,))) if old in arrays}
     if lacking := [new for new in wanted if new not in names]:
         raise ValueError(
             f"{source} holds no {' and no '.join(lacking)}; it must be a run of {kind.__name__}s, without observe=."
@@ -84,7 +82,7 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     bodies = arrays[names["momentum"]].shape[0]
     if not 0 <= body < bodies:
         raise ValueError(f"body must be from 0 to {bodies - 1}, the last in {source}, got {body}.")
-    values = {name: _read(source, arrays[names[name]], body) for name in _fields(kind)}
+    values = {name: _read(source, arrays[names[name]], body) for name in kind.described()}
     times = arrays[names["times"]]
     t = _read(source, times, body if len(times.shape) > 1 else ...)
     finite = np.all([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values.values()], axis=0)
@@ -111,12 +109,13 @@ def states_of(file: str | File) -> AnyState:
     # Kinds of state by name, including user-defined kinds; a later class of the same name does not replace one.
     kinds = {kind.__name__: kind for kind in reversed(classes_below(State))}
     kind = kinds.get(str(arrays.get("state")))
-    if kind is None or any(name not in arrays for name in _fields(kind)):
+    names = [] if kind is None else [field.name for field in fields(kind)]
+    if kind is None or any(name not in arrays for name in names):
         raise ValueError(
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
             "defines a kind of state of your own must have been imported."
         )
-    return kind.unchecked(**{name: jnp.asarray(_read(source, arrays[name], ...)) for name in _fields(kind)})
+    return kind.unchecked(**{name: jnp.asarray(_read(source, arrays[name], ...)) for name in names})
 
 
 def _read(source: File, array: Any, place: Any) -> np.ndarray:
@@ -128,22 +127,14 @@ def _read(source: File, array: Any, place: Any) -> np.ndarray:
         ) from error
 
 
-def _fields(kind: type[Any]) -> list[str]:
-    return [field.name for field in fields(kind)]
-
-
 def _arrays(source: File) -> Mapping[str, Any]:
     """The arrays of a file; for a store, the arrays of its root, and the parameters in its attributes."""
-    if source.suffix.lower() == ".zarr":
-        return _of_store(source)
-    try:
-        with np.load(source, allow_pickle=False) as file:
-            return dict(file)
-    except (zipfile.BadZipFile, EOFError, ValueError) as error:
-        raise ValueError(f"{source} cannot be read ({error}); it must be a run in NumPy's format .npz.") from error
-
-
-def _of_store(source: File) -> Mapping[str, Any]:
+    if source.suffix.lower() != ".zarr":
+        try:
+            with np.load(source, allow_pickle=False) as file:
+                return dict(file)
+        except (zipfile.BadZipFile, EOFError, ValueError) as error:
+            raise ValueError(f"{source} cannot be read ({error}); it must be a run in NumPy's format .npz.") from error
     try:
         import zarr
     except ImportError as error:
@@ -167,34 +158,27 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         values = _read(source, arrays[name], ...)
         return values[body] if values.ndim > axes + (kind.own_axes == 2) else values
 
-    def lacks(what: str) -> ValueError:
-        return ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")
+    def needed(what: str, name: str, axes: int) -> np.ndarray:
+        if (values := found(name, axes)) is None:
+            raise ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")
+        return values
+
+    def is_physical(moments: np.ndarray) -> bool:
+        least, middle, largest = np.moveaxis(np.sort(moments), -1, 0)
+        return bool(np.all(largest <= least + middle))
 
     def turning(own: str, rotation: type[Any]) -> RigidBody | TensorBody | SymmetricRotor:
         if issubclass(rotation, AxisState):
-            moment = found(f"{own}.moment", 0)
-            if moment is None:
-                raise lacks("moment of inertia")
-            return SymmetricRotor(moment, found(f"{own}.along", 0))
-        moments = found(f"{own}.moments", 1)
-        moments = found("moments", 1) if moments is None else moments
-        if moments is not None:
-            return RigidBody(moments, physical=_is_physical(moments))
-        principal, axes = found(f"{own}.principal.moments", 1), found(f"{own}.frame", 1)
-        if principal is None or axes is None:
-            raise lacks("moments of inertia")
-        turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
+            return SymmetricRotor(needed("moment of inertia", f"{own}.moment", 0), found(f"{own}.along", 0))
+        for name in (f"{own}.moments", "moments"):
+            if (moments := found(name, 1)) is not None:
+                return RigidBody(moments, physical=is_physical(moments))
+        principal = needed("moments of inertia", f"{own}.principal.moments", 1)
+        turn = np.asarray(so3.to_matrix(jnp.asarray(needed("moments of inertia", f"{own}.frame", 1))))
         tensor = (turn * principal[..., None, :]) @ turn.swapaxes(-1, -2)
-        return TensorBody((tensor + tensor.swapaxes(-1, -2)) / 2, physical=_is_physical(principal))
+        return TensorBody((tensor + tensor.swapaxes(-1, -2)) / 2, physical=is_physical(principal))
 
     if not issubclass(kind, TravellingState):
         return turning("body", kind)
-    mass = found("body.mass", 0)
-    if mass is None:
-        raise lacks("mass")
+    mass = needed("mass", "body.mass", 0)
     return FreeBody(turning("body.body", kind.rotation), mass)
-
-
-def _is_physical(moments: np.ndarray) -> bool:
-    least, middle, largest = np.moveaxis(np.sort(moments), -1, 0)
-    return bool(np.all(largest <= least + middle))

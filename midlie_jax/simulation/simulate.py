@@ -16,7 +16,7 @@ from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, described, require_numbers
 from ..drivers.arguments import as_first_step, as_saving
-from ..drivers.chunks import chunk_size
+from ..drivers.chunks import chunk_size, even_size
 from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_batch
 from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
@@ -27,17 +27,21 @@ from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
 from ..model.torques.reads_body import with_bath
-from . import plan as cuts
 from . import variables
-from .attributes import attributes_of, checked_attributes
 from .identity import UNSEEN, differences, identity
-from .memory import Memory
 from .parts import Computation, Progress
-from .pipeline import all_succeed, compute_and_write, reported, wait
+from .pipeline import all_succeed, compute_and_write, reported
 from .plan import Plan
-from .store import Store, create, remedy
+from .store import Memory, Store, create, remedy
 from .summary import Simulation
 from .variables import Arrays, Variables
+
+_BYTES = 2**25  # about the size of one part in the file
+# The most body-steps of one part, unless two saved states need more. Most runs then write a part several times per
+# minute, so that a reader of the file sees progress. The work lost by a kill does not depend on it, see `pipeline.py`.
+_BODY_STEPS = 3 * 10**7
+_GROUP = 2**15  # bodies of one group, by default
+_CARRIED = 2**28  # the most bytes that a group carries between spans for a statistic over times, by default
 
 
 def simulate(
@@ -94,23 +98,18 @@ def simulate(
         progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
             that is called after each write with the number of body-steps written.
         attributes: additional attributes of the file: names with strings, numbers, lists of strings or of numbers, or
-            arrays of NumPy or JAX. Names that the file already has are not allowed, except `title`. A resumed run keeps
-            its first attributes.
-
-    Returns:
-        A summary with the failures of single bodies: print it, or open the file by its `open()`.
+            arrays. Names that the file has itself are not allowed, except `title`. A resumed run keeps its first
+            attributes.
 
     Raises:
         ValueError: as for `ensemble`, or an argument is traced; `out` exists and `resume` is False; the run in `out` is
-            a different one, and the message names the differences; the run in `out` is damaged, and the message names
-            the file to delete; the torque or `observe` calls code outside the compiled program, such as
-            `jax.pure_callback`, in which changes cannot be detected; another process writes to `out`; an attribute has
-            an unsupported value or a name that is taken.
+            a different one, is damaged, or is being written by another process; the torque or `observe` of a resumed
+            run calls code outside the compiled program, such as `jax.pure_callback`, in which changes cannot be
+            detected; an attribute has an unsupported value or a name that is taken.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. Data written before are kept, and the run can be resumed.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
         >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
         >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
@@ -143,9 +142,11 @@ def simulate(
     of_parts = variables.seen_variables(seen, observe, plan)
     others, values = variables.whole_variables(batch, plan)
     others |= variables.merged_variables(batch, observe, seen, plan)
-    said = attributes_of(batch, plan)
-    said |= checked_attributes(attributes, {*said, *variables.named(batch.mapped[2]), *of_parts, *others})
-    computation = Computation.of(batch, observe, plan, _local(mesh), given)
+    said = variables.attributes_of(batch, plan)
+    said |= variables.checked_attributes(attributes, {*said, *variables.named(batch.mapped[2]), *of_parts, *others})
+    # The devices of this process; by default a mesh of one device, so that there is only one program.
+    own = Mesh(np.array(jax.local_devices()[:1]), ("bodies",)) if mesh is None else mesh.local_mesh
+    computation = Computation.of(batch, observe, plan, own, given)
     if path.suffix == ".npz":
         file = Memory(path, plan, of_parts, said)
     else:
@@ -153,11 +154,6 @@ def simulate(
         file, values = _store(computation, path, existing, of_parts, others | names, said), values | components
     first_bad, computed, carry = _run(computation, file, values, seen, progress)
     return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, time.perf_counter() - began, carry)
-
-
-def _local(mesh: Mesh | None) -> Mesh:
-    """The devices of this process in the mesh; by default a mesh of one device, so that there is only one program."""
-    return Mesh(np.array(jax.local_devices()[:1]), ("bodies",)) if mesh is None else mesh.local_mesh
 
 
 def _checked_path(out: Any, resume: bool) -> Path:
@@ -180,16 +176,20 @@ def _checked_path(out: Any, resume: bool) -> Path:
 
 
 def _plan(batch: Batch, observe: Observe | None, seen: Any, saves: int, save_every: int, cut: dict[str, int]) -> Plan:
-    group, span, chunk = (cut.get(name) for name in ("group", "span", "chunk"))
-    bodies, most, size = batch.bodies, cuts.GROUP_SIZE, variables.bytes_of(seen)
+    wanted, span, chunk = (cut.get(name) for name in ("group", "span", "chunk"))
+    bodies, most, size = batch.bodies, _GROUP, variables.bytes_of(seen)
     if isinstance(observe, Series):
         values = variables.value_leaves(batch, observe)
         carried = variables.bytes_of(eqx.filter_eval_shape(observe.begun, 1, values))
-        size, most = variables.bytes_of(values), max(1, min(most, cuts.CARRIED // carried))
-    group, chunk = cuts.sizes(bodies, group, chunk, chunk_size(min(bodies, group or most)), most)
+        size, most = variables.bytes_of(values), max(1, min(most, _CARRIED // carried))
+    group = min(wanted, bodies) if wanted else even_size(bodies, -(-bodies // most))
+    chunk = chunk or even_size(group, -(-group // chunk_size(min(bodies, wanted or most))))
+    if not wanted:
+        group = min(-(-group // chunk) * chunk, bodies)
     if isinstance(observe, Statistic) and not isinstance(observe, Series):
         size /= group
-    return Plan(bodies, saves, save_every, group, min(saves, span or cuts.span_of(group, save_every, size)), chunk)
+    span = span or max(2, int(min(_BYTES / max(group * size, 1), _BODY_STEPS / (group * save_every))))
+    return Plan(bodies, saves, save_every, group, min(saves, span), chunk)
 
 
 def _store(
@@ -220,12 +220,11 @@ def _store(
 
 
 def _run(
-    computation: Computation, file: Store | Memory, values: Arrays, seen: Any, progress: Any
+    computation: Computation, file: Memory, values: Arrays, seen: Any, progress: Any
 ) -> tuple[np.ndarray, int, Carry | None]:
     """Computes what is missing in the file, each process its share; `values` are those that belong to no part.
 
-    Returns:
-        `first_bad`, the body-steps computed, and the final carry.
+    It returns `first_bad`, the body-steps computed, and the final carry.
     """
     plan, observe, first = computation.plan, computation.observe, not jax.process_index()
     groups: dict[int, Progress] = {}
@@ -240,6 +239,11 @@ def _run(
             if damaged:
                 raise ValueError(f"{file.path} is damaged: {', '.join(damaged)}. {remedy(group)}")
 
+    def merge() -> None:
+        if isinstance(observe, Statistic) and first:
+            interval = jnp.asarray(computation.batch.shared[3] * plan.save_every)
+            file.write_whole(variables.merged(observe, seen, file.read, interval))
+
     with ExitStack() as context:
         all_succeed(lambda: context.enter_context(file.writing()) if first else None)
         all_succeed(begin)
@@ -248,8 +252,5 @@ def _run(
         done = sum(plan.done(group, found.span, found.steps) for group, found in groups.items())
         with reported(progress, total, done) as written:
             all_succeed(lambda: compute_and_write(computation, todo, groups, file, written))
-        if isinstance(observe, Statistic) and first:
-            interval = jnp.asarray(computation.batch.shared[3] * plan.save_every)
-            file.write_whole(variables.merged(observe, seen, file.read, interval))
-        wait(str(file.path))
+        all_succeed(merge)
         return file.first_bad, total - done, computation.carry(groups)

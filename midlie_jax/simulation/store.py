@@ -1,4 +1,4 @@
-"""A run in a Zarr store that xarray opens, and that can be resumed.
+"""The file of a run: a Zarr store that xarray opens and that can be resumed, or for a small run one .npz file.
 
 The root holds the data for readers: the variables of the run, `time`, `first_bad`, and attributes that describe the
 run. The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
@@ -13,6 +13,7 @@ that it does not count are written again by the resumed run.
 import os
 import shutil
 import warnings
+import zipfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,16 +21,75 @@ from typing import Any
 
 import numpy as np
 
-from .attributes import ATTRIBUTE, folded, unfolded
 from .plan import BODY, GROUP, SPAN, Arrays, Part, Plan
-from .variables import Variable, Variables
+from .variables import ATTRIBUTE, Variable, Variables, folded, parameter, unfolded
 
 CHECKPOINT = "checkpoint"
 _FIRST_BAD = "first_bad"
 _PARTS = "parts"  # the Zarr group with the parts of a statistic
 
 
-class Store:
+class Memory:
+    """A run in memory, written to one .npz file at its end; it cannot be resumed."""
+
+    def __init__(self, path: Path, plan: Plan, seen: Variables, attributes: dict[str, Any]):
+        self.path, self.plan, self.attributes = path, plan, attributes
+        self._dims = {name: variable.dims for name, variable in seen.items()}
+        self._arrays: dict[str, Any] = {name: np.empty(x.shape, x.dtype) for name, x in seen.items()}
+        self._whole: dict[str, Any] = {}
+        self._first_bad: Any = np.full(plan.bodies, plan.saves, np.int32)
+
+    @contextmanager
+    def writing(self) -> Generator[None]:
+        """Writes the file atomically when the context is left without an error."""
+        yield
+        contents: dict[str, Any] = {n: value for n, value in self.attributes.items() if not isinstance(value, dict)}
+        contents |= {parameter(name): value for name, value in self.attributes["parameters"].items()}
+        contents |= {name: values for name, values in self._arrays.items() if self._dims[name][0] != GROUP}
+        unfinished = self.path.with_name(f"{self.path.name}.new-{os.getpid()}")
+        try:
+            # Not by `numpy.savez`, whose own arguments have names, too. It never writes a pickle.
+            with zipfile.ZipFile(unfinished, "w") as archive:
+                for name, values in {**contents, **self._whole, _FIRST_BAD: self._first_bad}.items():
+                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                        np.lib.format.write_array(entry, np.asanyarray(values), allow_pickle=False)
+            os.replace(unfinished, self.path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    def write(self, part: Part, seen: Arrays, first_bad: np.ndarray) -> None:
+        """Writes a part, which counts once the next checkpoint is kept.
+
+        The variables in `seen` have the shape (bodies, saves, ...), or (1, saves, ...) for a statistic.
+        """
+        for name, values in seen.items():
+            self._arrays[name][self.plan.place(part, self._dims[name])] = values
+        self._first_bad[self.plan.bodies_of(part.group)] = first_bad
+
+    def write_whole(self, values: Arrays) -> None:
+        """Writes variables that do not belong to parts, such as the time."""
+        self._whole |= values
+
+    # A stopped run in memory is lost, so nothing is kept.
+    def keep(self, group: int, arrays: Arrays) -> None:
+        """Replaces the checkpoint of a group."""
+
+    def checkpoint(self, group: int) -> Arrays | None:
+        """The checkpoint of a group, or None; raises ValueError if it is damaged."""
+
+    def damaged(self, group: int, spans: int) -> list[str]:
+        """Names the data in the first `spans` spans of a group that are missing or cannot be read."""
+        return []
+
+    @property
+    def first_bad(self) -> np.ndarray:
+        return self._first_bad[:]
+
+    def read(self, name: str) -> np.ndarray:
+        return self._arrays[name][:]
+
+
+class Store(Memory):
     """A run in a Zarr store: its folder, attributes, plan and identity."""
 
     def __init__(self, path: Path, *, read_only: bool = False):
@@ -40,11 +100,12 @@ class Store:
         try:
             with zarr.config.set({"array.write_empty_chunks": True}):  # so that a missing chunk is damage
                 root: Any = zarr.open_group(path, mode="r" if read_only else "r+", use_consolidated=True)
-                self.attributes: dict[str, Any] = unfolded(root.attrs.asdict())
+                self.attributes = unfolded(root.attrs.asdict())
                 own = self.attributes[ATTRIBUTE]
                 self.plan, self.identity = Plan(**own["plan"]), dict(own["identity"])
-                self._arrays: dict[str, Any] = {name: root[place] for name, place in own["variables"].items()}
-                self._whole: dict[str, Any] = {n: x for n, x in root.arrays() if n not in own["variables"].values()}
+                self._arrays = {name: root[place] for name, place in own["variables"].items()}
+                self._dims = {name: array.metadata.dimension_names for name, array in self._arrays.items()}
+                self._whole = {name: x for name, x in root.arrays() if name not in own["variables"].values()}
                 self._first_bad = self._whole.pop(_FIRST_BAD)
         except Exception as error:  # reading a damaged file can raise anything
             raise ValueError(
@@ -74,22 +135,11 @@ class Store:
                 Path(lock.lock_file).unlink(missing_ok=True)  # before the release: later it may be another's file
             lock.release()
 
-    def write(self, part: Part, seen: Arrays, first_bad: np.ndarray) -> None:
-        """Writes the chunks of a part, which count once the next checkpoint is kept.
-
-        The variables in `seen` have the shape (bodies, saves, ...), or (1, saves, ...) for a statistic.
-        """
-        for name, values in seen.items():
-            self._arrays[name][self.plan.place(part, self._arrays[name].metadata.dimension_names)] = values
-        self._first_bad[self.plan.bodies_of(part.group)] = first_bad
-
     def write_whole(self, values: Arrays) -> None:
-        """Writes variables that do not belong to parts, such as the time."""
         for name, value in values.items():
             self._whole[name][...] = value
 
     def keep(self, group: int, arrays: Arrays) -> None:
-        """Replaces the checkpoint of a group."""
         file = self._file(group)
         with file.with_suffix(".new").open("wb") as unfinished:
             np.savez(unfinished, **arrays)  # pyright: ignore[reportArgumentType]
@@ -98,7 +148,6 @@ class Store:
         file.with_suffix(".new").replace(file)
 
     def checkpoint(self, group: int) -> Arrays | None:
-        """The checkpoint of a group, or None; raises ValueError if it is damaged."""
         file = self._file(group)
         try:
             with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
@@ -109,7 +158,6 @@ class Store:
             raise ValueError(f"{file} is damaged ({type(error).__name__}: {error}). {remedy(group)}") from error
 
     def damaged(self, group: int, spans: int) -> list[str]:
-        """Names the data in the first `spans` spans of a group that are missing or cannot be read."""
         found = [
             f"{name} of {Part(span, group)}"
             for span in range(spans)
@@ -124,13 +172,6 @@ class Store:
         """Names the variables that do not belong to parts and cannot be read; in a complete run, or are missing."""
         whole = self._whole.items()
         return sorted(name for name, array in whole if not _readable(self.path, array, (), missing=not complete))
-
-    @property
-    def first_bad(self) -> np.ndarray:
-        return self._first_bad[:]
-
-    def read(self, name: str) -> np.ndarray:
-        return self._arrays[name][:]
 
     def _file(self, group: int) -> Path:
         return self.path / CHECKPOINT / f"{group}.npz"

@@ -21,8 +21,8 @@ class Simulation(NamedTuple, TypedBy[States]):
         bodies, steps: the size of the whole run.
         saves: the number of saved states per body, including the initial one.
         first_bad: (n,), for each body the index of its first saved state that cannot be trusted; `saves` if there is
-            none. The first bad step is between the previous saved state and this one. A gain of energy is judged at the
-            end of each span, against the start of the run; then it is the first state of that span after the start.
+            none. A gain of energy is judged at the end of each span, against the start of the run; then it is the first
+            state of that span after the start.
         computed: the number of body-steps computed by this call; less than bodies times steps if it resumed a run, or
             if several processes share it.
         seconds: the run time of this call, including compilation.
@@ -32,10 +32,8 @@ class Simulation(NamedTuple, TypedBy[States]):
     Examples:
         >>> body, start = ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState(jnp.ones((4, 3)), jnp.eye(4))
         >>> run = ml.simulate("JACOBI[EA]", body, None, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
-        >>> run.bodies, run.saves, bool(run.ok.all())
-        (4, 11, True)
-        >>> run.open()["momentum"].shape
-        (4, 11, 3)
+        >>> bool(run.ok.all()), run.open()["momentum"].shape
+        (True, (4, 11, 3))
     """
 
     out: Path
@@ -55,8 +53,7 @@ class Simulation(NamedTuple, TypedBy[States]):
     def open(self) -> Any:
         """The run as an `xarray.Dataset`, which reads the file as needed; for a .npz file, its arrays.
 
-        The method `to_netcdf` of the dataset writes a NetCDF file. The attributes `parameters`, `versions` and
-        `midlie_jax` are JSON strings, for `json.loads`.
+        The attributes `parameters`, `versions` and `midlie_jax` of a dataset are JSON strings, for `json.loads`.
         """
         if self.out.suffix == ".npz":
             return np.load(self.out)
@@ -65,9 +62,7 @@ class Simulation(NamedTuple, TypedBy[States]):
         return xarray.open_zarr(self.out)
 
     def states(self) -> States:
-        """The saved states of all bodies, of the class of `start`, with leading axes (n, k), all in memory.
-
-        States that cannot be trusted may hold NaN.
+        """The saved states of all bodies, with leading axes (n, k); they may be NaN where they cannot be trusted.
 
         Raises:
             ValueError: the run saved other values by `observe`, or the file is damaged.
@@ -77,12 +72,9 @@ class Simulation(NamedTuple, TypedBy[States]):
 
     def __str__(self) -> str:
         rate = f", {self.computed / self.seconds:.3g} body-steps/s" if self.computed else ""
-        lines = [
-            f"{self.out}: {self.bodies} bodies, {self.steps} steps, {self.saves} saved states of each",
-            f"computed now: {self.computed} body-steps in {self.seconds:.3g} s{rate}",
-            _failures(self.first_bad, self.saves),
-        ]
-        return "\n".join(lines)
+        size = f"{self.bodies} bodies, {self.steps} steps, {self.saves} saved states of each"
+        work = f"computed now: {self.computed} body-steps in {self.seconds:.3g} s{rate}"
+        return "\n".join([f"{self.out}: {size}", work, _failures(self.first_bad, self.saves)])
 
 
 class Inspection(NamedTuple):
@@ -94,7 +86,7 @@ class Inspection(NamedTuple):
         bodies, saves: the size of the run.
         done: number of body-steps that are computed and written.
         total: number of body-steps of the whole run.
-        damaged: names of data that are missing or cannot be read; empty if there is no damage.
+        damaged: names of data that are missing or cannot be read.
         first_bad: see `Simulation`; only the computed steps are included.
 
     Examples:
@@ -117,16 +109,15 @@ class Inspection(NamedTuple):
     def __str__(self) -> str:
         said = self.attributes
         size = f"{self.bodies} bodies, {said['steps']} steps, {self.saves} saved states of each"
-        state = "complete" if self.done == self.total else f"{self.done / self.total:.1%} done; it can be resumed"
+        cure = "to compute group G again, delete checkpoint/G.npz; then resume the run"
         lines = [
             f"{self.path}: {said['title']}",
             f"{size}; {said['method']}, {said['dtype']}",
-            state,
+            "complete" if self.done == self.total else f"{self.done / self.total:.1%} done; it can be resumed",
             _failures(self.first_bad, self.saves),
             *(f"DAMAGED: {name}" for name in self.damaged),
+            *([cure] if self.damaged else []),
         ]
-        if self.damaged:
-            lines.append("to compute group G again, delete checkpoint/G.npz; then resume the run")
         return "\n".join(lines)
 
 

@@ -1,6 +1,12 @@
-"""The variables of a file with dimensions, types, units and frames, for readers without this package."""
+"""What a file holds, for readers without this package: variables with dimensions, units and frames, and attributes.
 
+The attributes describe the run; the user can add others.
+"""
+
+import json
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import is_key
+from .._checks.arguments import is_key, shown
 from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
@@ -18,7 +24,12 @@ from ..drivers.path import COORDINATES, named
 from ..model.torques.reads_body import without_bath
 from .plan import BODY, GROUP, SPAN, TIME, Arrays, Plan
 
-MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
+_MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers becomes a variable
+ATTRIBUTE = "midlie_jax"  # the attribute of a store with the data for resuming
+_DICTS = "parameters", "versions", ATTRIBUTE
+_MAY_CHANGE = "title"
+# Read by `saved_path`.
+_READ = {"time", "times", "first_bad", "ok", "dt", "t0", "moments", "momenta", "attitudes", ATTRIBUTE}
 
 
 class Variable(NamedTuple):
@@ -60,10 +71,9 @@ def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
 
     For a statistic over times, the values that it writes at the end of a span.
     """
-    seen = value_leaves(batch, observe)
+    seen, axes = value_leaves(batch, observe), (1, 1) if isinstance(observe, Series) else (1,)
     if not isinstance(observe, Statistic):
         return seen
-    axes = (1, 1) if isinstance(observe, Series) else (1,)
     return eqx.filter_eval_shape(observe.part, _with_axes(seen, axes), jax.ShapeDtypeStruct(axes, jnp.bool_))
 
 
@@ -120,9 +130,8 @@ def whole_variables(batch: Batch, plan: Plan) -> tuple[Variables, Arrays]:
     name, dims = ("time", (TIME,)) if times.ndim == 1 else ("times", (BODY, TIME))
     variables = {name: Variable(dims, times.shape, times.dtype, {"long_name": "time", "units": "time"})}
     values = {name: times}
-    own, shared = parameters((*batch.mapped[:2], None, *batch.mapped[3:])), parameters(batch.shared)
-    shared = {name: value for name, value in shared.items() if value.size > MOST_IN_ATTRIBUTES}
-    for first, found in (((BODY,), own), ((), shared)):
+    shared = {name: value for name, value in parameters(batch.shared).items() if value.size > _MOST_IN_ATTRIBUTES}
+    for first, found in (((BODY,), parameters(batch.mapped)), ((), shared)):
         for short, value in found.items():
             name = parameter(short)
             dims = (*first, *_own_dims(name, value.shape[len(first) :]))
@@ -157,3 +166,82 @@ def _with_axes(leaves: Any, axes: tuple[int, ...]) -> Any:
 def _own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Names for the dimensions of an array without known meaning."""
     return tuple(f"{name}_{i + 1}" for i in range(len(shape)))
+
+
+def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
+    """The description of the run, and the parameters that are equal for all bodies."""
+    _, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    torque, bath = without_bath(torque)
+    shared = parameters(batch.shared).items()
+    return {
+        "title": f"{plan.bodies} bodies moved by {batch.method.name}",
+        "method": batch.method.name,
+        "order": batch.method.order,
+        "torque": "none" if torque is None else getattr(torque, "__name__", type(torque).__name__),
+        **({} if bath is None else {"bath": type(bath).__name__}),
+        "state": type(start).__name__,
+        "dtype": str(start.momentum.dtype),
+        **({"dt": float(dt)} if not dt.ndim else {}),
+        **({"t0": float(t0)} if not t0.ndim else {}),
+        "steps": (plan.saves - 1) * plan.save_every,
+        "first_step": plan.begin,
+        "save_every": plan.save_every,
+        "parameters": {name: values.tolist() for name, values in shared if values.size <= _MOST_IN_ATTRIBUTES},
+        "source": "midlie_jax",
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """The versions of midlie_jax, jax and jaxlib, by the names of these packages."""
+    found: dict[str, str] = dict.fromkeys(("midlie_jax", "jax", "jaxlib"), "not installed")
+    for name in found:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def folded(attributes: dict[str, Any]) -> dict[str, Any]:
+    """The attributes with dicts as JSON strings, because NetCDF has no dict attributes."""
+    return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in attributes.items()}
+
+
+def unfolded(attributes: dict[str, Any]) -> dict[str, Any]:
+    """The inverse of `folded`."""
+    return {name: json.loads(value) if name in _DICTS else value for name, value in attributes.items()}
+
+
+def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
+    """The user's attributes as strings, Python numbers, and lists of these; a later error would lose the run.
+
+    It raises a ValueError if a name is `taken` in the file, or if a value is no string, number or list.
+    """
+    if attributes is None:
+        return {}
+    if not isinstance(attributes, dict):
+        raise ValueError(f"attributes must be a dict of names with texts, numbers or lists, got {shown(attributes)}.")
+    taken = {*taken, *_READ} - {_MAY_CHANGE}
+    for name in attributes:
+        if not isinstance(name, str) or not name or name.endswith(".npy"):
+            raise ValueError(f"attributes has the name {name!r}; a name must be a text, not empty, without .npy.")
+        if name in taken or name.startswith(parameter("")):
+            raise ValueError(f"attributes has the entry {name!r}, which the file has itself; choose another name.")
+    return {name: _checked_value(name, value) for name, value in attributes.items()}
+
+
+def _checked_value(name: str, value: Any) -> Any:
+    array, problem = np.empty(0, object), ""
+    try:
+        array = np.asarray(value)
+    except Exception as error:  # a ragged list, a traced array, or any error of a user's object
+        problem = f" ({type(error).__name__})"
+    kind = array.dtype.kind
+    # NumPy converts numbers among strings to strings.
+    mixed = kind == "U" and not all(isinstance(one, str) for one in np.asarray(value, object).flat)
+    if kind not in "biufU" or mixed:
+        raise ValueError(
+            f"attributes has the entry {name!r}: {shown(value)}{problem}, but takes a text, a number, or a list of "
+            "texts or of numbers whose rows are equally long; write str(...) for another thing, and an entry of its "
+            "own for each part of it."
+        )
+    return array.tolist()
