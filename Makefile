@@ -61,7 +61,7 @@ test-full: .venv/.test
 	$(PYTEST) -m "full or not full"
 
 # Each worker takes of the accelerator's memory only what it needs.
-LAWS = $(patsubst %,tests/test_%.py,laws runs rounding conservation diffrax ensemble momentum free_motion \
+LAWS = $(patsubst %,tests/test_%.py,laws rounding diffrax ensemble flights free_motion \
 	shared_inputs)
 test-gpu: .venv/.test .venv/.accelerator
 	XLA_PYTHON_CLIENT_PREALLOCATE=false $(PYTEST) --accelerator $(LAWS)
@@ -112,7 +112,7 @@ figures: .venv/.bench
 test-release: .venv/.test
 	$(PYTEST) tests/newcomer.py tests/test_docs.py tests/test_release.py
 
-LOWEST = $(patsubst %,tests/test_%.py,laws runs ensemble stepper so3 bodies inputs scalars leaves cli fit_calls release)
+LOWEST = $(patsubst %,tests/test_%.py,laws ensemble stepper so3 bodies inputs scalars leaves cli fit_calls release)
 test-lowest: .venv-lowest/.lowest
 	.venv-lowest/bin/pytest -n 2 --no-loadscope-reorder --sample $(LOWEST)
 

@@ -1,8 +1,4 @@
-"""What the law tests share: one forced motion with everything in it, and compiled runs of it.
-
-Compiling a step costs seconds and running it microseconds, so each method is compiled once for a batch of `ROWS`
-runs that differ in body, torque, start and step, and every law reads its own rows from it.
-"""
+"""What the law tests share: one forced motion with everything in it, and compiled runs of it."""
 
 import contextlib
 import io
@@ -48,12 +44,7 @@ def torque_classes():
 
 
 def way(method):
-    """How a method takes a step.
-
-    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque, or a
-    displaced torque in their place. Of a Runge-Kutta method the class of its formula and whether it projects, of others
-    their own class.
-    """
+    """How a method takes a step."""
     if isinstance(method, RungeKutta):
         return type(method.formula), method.projects
     if not isinstance(method, Splitting):
@@ -155,10 +146,7 @@ def each(names=ROTATION, few=BUILDS):
 
 
 def by_turns(names=ROTATION, few=BUILDS):
-    """Parameters (name, dtype): each of the few with one of the dtypes, in turns; the rest in the whole matrix.
-
-    For laws that every method has in both dtypes for one reason. Laws of the same runs take the same turns.
-    """
+    """Parameters (name, dtype): each of the few with one of the dtypes, in turns; the rest in the whole matrix."""
     turn = {name: n for n, name in enumerate(dict.fromkeys([*BUILDS, *ROTATION, *names]))}
     chosen = [(name, DTYPES[turn[name] % 2]) for name in names if name in few]
     return [*chosen, *whole(*(pair for pair in product(names, DTYPES) if pair not in chosen))]
@@ -302,13 +290,7 @@ def gap(a, b) -> float:
 
 
 def true_motion(s: Setup, times: np.ndarray, torque=None) -> tuple[np.ndarray, np.ndarray]:
-    """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13.
-
-    Args:
-        s: one setup.
-        times: increasing.
-        torque: a function of the time and the matrix of the attitude; the torque of a `Setup` if there is none.
-    """
+    """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13."""
 
     def swung(t, r):
         pull = np.array([np.cos(2 * t), np.sin(3 * t), 1.0])

@@ -75,7 +75,7 @@ def remember_programs(folder):
 
 
 # Files whose laws read the same compiled runs; the others are one group each.
-TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+TOGETHER = {"test_inputs": "test_laws"}
 # Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, damage to stores, published
 # cases, and the applications, whose states, torques and baths are also in the law of paths.
 REST = {

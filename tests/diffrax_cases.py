@@ -21,7 +21,6 @@ def wind(strength, t):
 
 
 def forces(args):
-    """A top in a wind; args are the weight and the strength of the wind."""
     weight, strength = args
     return ml.torques.HeavyTop(weight, AXIS) + ml.torques.Prescribed(jax.tree_util.Partial(wind, strength))
 
@@ -74,18 +73,6 @@ def truth(t1=TO, args=ARGS, term=TERM):
     return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32, term=term).ys
 
 
-CONTROLLERS = {
-    "ConstantStepSize": {},
-    "StepTo": {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))},
-    # Never in doubt, so that its steps are those of the others.
-    "PIDController": {"stepsize_controller": diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)},
-}
-ADJOINTS = {
-    "RecursiveCheckpointAdjoint": diffrax.RecursiveCheckpointAdjoint(),
-    "DirectAdjoint": diffrax.DirectAdjoint(),
-    "ForwardMode": diffrax.ForwardMode(),
-}
-TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
 # Fourth-order differences.
 SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
 WEIGHTS = ARGS[0] + jnp.asarray(SIZES)

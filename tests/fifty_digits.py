@@ -1,8 +1,6 @@
 """A JAX function in arithmetic of fifty digits: an oracle for derivatives, as differences of what it returns.
 
-`in_fifty_digits` traces the function and writes each operation of the trace as a line of Python on numbers of gmpy2. So
-every method has this oracle without a second implementation. Scalars become numbers, arrays become arrays of numbers.
-Rules of differentiation take no part: the functions that have them are evaluated as they are.
+`in_fifty_digits` writes each operation of a trace as a line of Python on numbers of gmpy2, in arrays of objects.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -23,15 +21,7 @@ BITS = 200  # 60 digits, so that differences of values over 1e-20 have forty
 
 
 def in_fifty_digits(function: Callable[..., Any], *arguments: Any) -> Callable[..., list[Any]]:
-    """The function of flat arguments in fifty digits.
-
-    Args:
-        function: of arrays.
-        arguments: arrays with the shapes and dtypes of those to come; their values are not used.
-
-    Returns:
-        A function of as many numbers or object arrays, which returns the list of the leaves of the result.
-    """
+    """The function in fifty digits, of numbers or object arrays; it returns the leaves of results."""
     closed = jax.make_jaxpr(function)(*arguments)
     gmpy2.get_context().precision = BITS
     return _Code().function(closed.jaxpr, closed.consts)

@@ -60,7 +60,7 @@ MUTANTS = {
     "clock": ("drivers/clock.py", "_EXACT_BITS = «24→31»", "inputs -k exact_index"),
     "index of a step": (
         *("drivers/integrate.py", "interval_starts = «first + →»save_every * jnp.arange("),
-        "runs paths -k continued",
+        "laws paths -k continued or split",
     ),
     "last chunk": ("drivers/chunks.py", "jnp.minimum(jnp.arange(chunks * size), count - «1→2»)", "ensemble"),
     "adaptive clock": ("drivers/variable_step.py", "clock.half + dt «/ 2 →»* slope", "adaptive"),

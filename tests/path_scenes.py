@@ -1,10 +1,6 @@
-"""Scenes for the laws of execution paths: one for each registered method, state, torque and heat bath.
-
-Every quantity is of order one. `test_paths.py` checks that no public torque, state or method lacks a scene.
-"""
+"""Scenes for the laws of execution paths: one for each registered method, state, torque and heat bath."""
 
 import inspect
-from itertools import product
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,17 +20,11 @@ DT, T0, BODIES = 1 / 64, 0.3, 3
 
 
 class Scene(NamedTuple):
-    """One run.
-
-    Attributes:
-        method: the name of the method.
-        body, start: of one body (or of one set of coupled bodies), in float64.
-        torque: likewise; or, if the method is random, a function of the random key.
-    """
+    """One run, of one body or one set of coupled bodies, in float64."""
 
     method: str
     body: Any
-    torque: Any
+    torque: Any  # or, if the method is random, a function of the random key
     start: Any
 
     @property
@@ -54,14 +44,13 @@ def cast(tree: Any, dtype: str) -> Any:
 
 def starts_of(start: Any, count: int) -> Any:
     """`count` different initial states: row 0 is `start`. Spins are rotated, other momenta are scaled."""
-
-    def row(i: int) -> Any:
-        if isinstance(start, ml.spins.SpinState):
-            rotation = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.0, 0.05 * (i % 7), 0.0], start.spin.dtype)))
-            return ml.spins.SpinState(jnp.einsum("ij,...j->...i", rotation, start.spin))
-        return eqx.tree_at(lambda s: s.momentum, start, start.momentum * (1 - 0.03 * (i % 7)))
-
-    return jax.tree.map(lambda *x: jnp.stack(x), *map(row, range(count)))
+    turn = np.arange(count) % 7
+    many = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (count, *np.shape(x)))), start)
+    if isinstance(start, ml.spins.SpinState):
+        rotation = Rotation.from_rotvec(np.outer(0.05 * turn, [0, 1, 0])).as_matrix()
+        return ml.spins.SpinState(jnp.einsum("nij,n...j->n...i", rotation, many.spin))
+    factors = (1 - 0.03 * turn).reshape(count, *[1] * np.ndim(start.momentum))
+    return eqx.tree_at(lambda s: s.momentum, many, many.momentum * factors)
 
 
 # ---- bodies and states ----
@@ -225,16 +214,9 @@ class Back(torques.Torque):
         return -self.stiffness * ml.so3.log(state.attitude)
 
 
+FORCES = {"box": [9.0, 9.0, 10.0], "cutoff": 4.0, "charges": [0.5, -0.3], "sigmas": [0.3, 0.4], "epsilons": [0.2, 0.1]}
 PAIRS, PAIRS_ON_AXES = (
-    ml.molecules.PairForces(
-        points,
-        box=[9.0, 9.0, 10.0],
-        cutoff=4.0,
-        charges=[0.5, -0.3],
-        sigmas=[0.3, 0.4],
-        epsilons=[0.2, 0.1],
-        damping=0.2,
-    )
+    ml.molecules.PairForces(points, **FORCES, damping=0.2)
     for points in ([[0.1, 0.0, 0.2], [0.0, -0.2, 0.1]], [[0.0, 0.0, 0.2], [0.0, 0.0, -0.1]])
 )
 
@@ -347,8 +329,7 @@ BATHS: dict[str, tuple[str, Any]] = {
     "five": ("five", with_field(langevin("five"), torques.FromPotential(pull))),
     "spins": ("lattice", thermal),
 }
-NOISES = ("free", "kT(t)", "axis", "five", "travelling axis", "spins", "friction(t)", "recoil")
-IN_MOMENTUM = ("spins", "recoil", "recoil, axis", "sum", "compensated")  # not for BROWNIAN
+NOISES = ("kT(t)", "axis", "five", "spins", "recoil")
 HEATED = [name for name, scheme in SCHEMES.items() if any(kind == BATH for kind, _ in scheme.stages)]
 IN_TURN = {bath: HEATED[n % len(HEATED)] for n, bath in enumerate(BATHS)}
 
@@ -357,15 +338,15 @@ IN_TURN = {bath: HEATED[n % len(HEATED)] for n, bath in enumerate(BATHS)}
 
 DEFAULT = {"particles": "Verlet", "spins": "SUBLATTICES[EA]", "lattice": "SUBLATTICES[EA]"}
 OTHERS = {
-    "direction": ("GBS12", "LIEMID[E1]", "JACOBI[SRKN14a]"),
+    "direction": ("GBS12", "LIEMID[E1]"),
     "momentum": ("GBS12", "SW"),
-    "tensor": ("GBS12", "LIEMID[I]"),
+    "tensor": ("LIEMID[I]",),
     "compensated": ("JACOBI[SRKN14a]", "GBS12"),
-    "axis": ("SYMMETRIC[SRKN6b]", "GBS12"),
-    "free": ("JACOBI[SRKN14a]", "GBS12", "RK4", "LIEMID[EA]"),
-    "free axis": ("SYMMETRIC[SRKN6b]", "GBS12"),
-    "two": ("JACOBI[SRKN6b]", "GBS12"),
-    "five": ("JACOBI[SRKN6b]", "GBS12", "DLM[EA]"),
+    "axis": ("GBS12",),
+    "free": ("JACOBI[SRKN14a]", "RK4"),
+    "free axis": ("SYMMETRIC[SRKN6b]",),
+    "two": ("JACOBI[SRKN6b]",),
+    "five": ("GBS12", "DLM[EA]"),
     "lattice": ("SUBLATTICES[SRKN6b]",),
 }
 SYMMETRIC = {"top", "free top", "axis", "free axis", "two axes", "five axes", "two free axes", "five free axes"}
@@ -397,85 +378,75 @@ def _plain_torque(method: Any, state: str) -> Any:
 
 
 def of_methods() -> dict[str, Scene]:
-    found = {}
-    for name, entry in entries().items():
-        state = _state_of(entry.method)
-        found[f"method {name}"] = Scene(name, *_with(state, _plain_torque(entry.method, state)))
-    return found
+    methods = {name: (entry.method, _state_of(entry.method)) for name, entry in entries().items()}
+    return {f"method {name}": _scene(name, state, _plain_torque(m, state)) for name, (m, state) in methods.items()}
 
 
 def of_schemes() -> dict[str, Scene]:
-    """One scene for each scheme, also those without a registered method."""
+    """One scene for each scheme without a registered method."""
     found = {}
     for name, scheme in SCHEMES.items():
-        if name in HEATED or any(entry.endswith(f"[{name}]") for entry in entries()):
-            continue
-        torque = torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) if scheme.gradients else torque_for("rigid")
-        found[f"scheme {name}"] = Scene(f"JACOBI[{name}]", *_with("rigid", torque))
+        if name not in HEATED and not any(entry.endswith(f"[{name}]") for entry in entries()):
+            torque = torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) if scheme.gradients else torque_for("rigid")
+            found[f"scheme {name}"] = _scene(f"JACOBI[{name}]", "rigid", torque)
     return found
 
 
 def of_torques() -> dict[str, Scene]:
-    found = {}
-    for name, (state, torque) in TORQUES.items():
-        found[f"torque {name}"] = Scene(default_method(state), *_with(state, torque))
-    return found
+    return {f"torque {name}": _scene(default_method(state), state, one) for name, (state, one) in TORQUES.items()}
 
 
 def of_states() -> dict[str, Scene]:
     """Each kind of state with a fast method, and with those of `OTHERS` that move it."""
-    found = {}
-    for state in STATES:
-        for method in (default_method(state), *OTHERS.get(state, ())):
-            found[f"state {state}, {method}"] = Scene(method, *_with(state, torque_for(state)))
-    return found
+    moved = [(state, method) for state in STATES for method in (default_method(state), *OTHERS.get(state, ()))]
+    return {f"state {state}, {method}": _scene(method, state, torque_for(state)) for state, method in moved}
 
 
 def of_baths() -> dict[str, Scene]:
-    """Each bath with one scheme, one bath with all of them, and the method without momenta with all it can have."""
-    found = {}
-    schemes = [*((bath, IN_TURN[bath]) for bath in BATHS), *product(["free"], HEATED)]
-    for bath, scheme in schemes:
-        state, torque = BATHS[bath]
-        found[f"bath {bath}, {scheme}"] = Scene(default_method(state, scheme), *_with(state, torque))
-    for bath, (state, torque) in BATHS.items():
-        if bath not in IN_MOMENTUM:
-            found[f"bath {bath}, BROWNIAN"] = Scene("BROWNIAN", *_with(state, torque))
-    found["bath free, DLM[BAOAB]"] = Scene("DLM[BAOAB]", *_with("rigid", langevin("rigid")))
-    found["bath free, SYMMETRIC[BAOAB]"] = Scene("SYMMETRIC[BAOAB]", *_with("top", langevin("top")))
-    return found
+    """Each bath with one scheme, other flights, and the method without momenta for some kinds of state."""
+    made = [(bath, scheme, default_method(BATHS[bath][0], scheme)) for bath, scheme in IN_TURN.items()]
+    made += [(bath, "BROWNIAN", "BROWNIAN") for bath in ("field", "tensor(t)", "axis", "travelling")]
+    made += [("free", "DLM[BAOAB]", "DLM[BAOAB]"), ("kT(t)", "SYMMETRIC[BAOAB]", "SYMMETRIC[BAOAB]")]
+    return {f"bath {bath}, {label}": _scene(method, *BATHS[bath]) for bath, label, method in made}
 
 
-def _with(state: str, torque: Any) -> tuple[Any, Any, Any]:
+def _scene(method: str, state: str, torque: Any) -> Scene:
     body, start = STATES[state]
-    return body, torque, start
+    return Scene(method, body, torque, start)
 
 
+SUMMED = ("top", "free top", "spins")
 LONG = {"GravityGradient, Kepler", "GravityGradient, table", "DipoleField", "FreeMolecularDrag", "Sunlight"}
 
 
 def of_sums() -> dict[str, Scene]:
     """All torques on one kind of state at once, but long ones: the cheapest program that has each of them."""
-    found = {}
-    for state in ("top", "free top", "spins"):
-        all_ = torques.Sum(*(one for name, (own, one) in TORQUES.items() if own == state and name not in LONG))
-        found[f"all torques on {state}"] = Scene(default_method(state), *_with(state, all_))
-    return found
+    kept = [(state, one) for name, (state, one) in TORQUES.items() if name not in LONG]
+    return {
+        f"all torques on {kind}": _scene(
+            default_method(kind), kind, torques.Sum(*(x for state, x in kept if state == kind))
+        )
+        for kind in SUMMED
+    }
 
 
 SCENES = of_sums() | of_torques() | of_states() | of_baths() | of_methods() | of_schemes()
 # The cheapest scenes that have every torque (but the long ones), every public state, and baths of each kind of noise.
-# The other baths meet the law of steps of length zero.
 CHEAPEST = [
     *of_sums(),
     *(f"state {name}, {default_method(name)}" for name in ("momentum", "direction", "compensated", "particles")),
-    *(f"state {name}, {default_method(name)}" for name in ("two rigid", "five axes", "two free axes")),
+    *(f"state {name}, {default_method(name)}" for name in ("free axis", "two rigid", "five axes", "two free axes")),
     *(f"bath {bath}, {IN_TURN[bath]}" for bath in NOISES),
 ]
-# Every bath and kinds of methods that the cheapest scenes lack, for the law of steps of length zero.
+# Torques that are in no sum; each kind of state with a fast method.
+ALONE = [name for name, (state, _) in TORQUES.items() if state not in SUMMED or name in LONG]
+FASTEST = [f"state {state}, {default_method(state)}" for state in STATES]
+# Baths and kinds of methods, for the law of steps of length zero.
 STILL = [
+    *(f"bath {bath}, {IN_TURN[bath]}" for bath in ("free", "kT(t)", "axis", "five", "spins", "recoil")),
+    *(f"method {name}" for name in ("LIEMID[EA]", "SW")),
     *(f"bath {bath}, {scheme}" for bath, scheme in IN_TURN.items()),
-    *(f"method {name}" for name in ("LIEMID[EA]", "RK4", "SW", "GBS12")),
+    *(f"method {name}" for name in ("RK4", "GBS12")),
 ]
 
 

@@ -63,16 +63,8 @@ def run(name, dtype="float64"):
     return numbers(compiled(name)(s, dt, t0, strength, rho))
 
 
-@cache
-def until():
-    """Method 0 up to T1, kept twice on the way."""
-    arguments = (*asked(), jnp.full(5, T1))
-    function = partial(integrate, METHODS[0], rho=None, steps=MOST, save_every=MOST // 2)
-    return numbers(jax.jit(jax.vmap(lambda s, dt, t0, k, t1: function(s, dt, t0, k, t1=t1)))(*arguments))
-
-
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("name", "dtype"), [*((n, "float64") for n in METHODS), (METHODS[0], "float32")])
+@pytest.mark.parametrize(("name", "dtype"), [(METHODS[0], "float32"), (METHODS[1], "float64")])
 def test_it_comes_home_by_the_same_steps(name, dtype):
     s, dt, _, strength = asked(dtype)
     out = run(name, dtype)
@@ -105,17 +97,15 @@ def test_rho_follows_the_density_and_the_motion_keeps_its_order(name):
 
 
 @pytest.mark.sample(0)
-def test_it_ends_at_t1_with_the_order_of_the_method():
-    out = until()
+def test_it_ends_at_t1_with_the_order_of_the_method_and_waits_there():
+    arguments = (*asked(), jnp.full(5, T1))
+    function = partial(integrate, METHODS[0], rho=None, steps=MOST, save_every=MOST // 2)  # kept twice on the way
+    out = numbers(jax.jit(jax.vmap(lambda s, dt, t0, k, t1: function(s, dt, t0, k, t1=t1)))(*arguments))
     assert out.ok.all()
     assert np.all(out.times[:, -1] == T1)
     truth = true_end(setup(), np.array([T1]))
     errors = [gap(at(out.states, row, slice(-1, None)), truth) for row in range(3)]
     assert abs(np.log2(errors[0] / errors[2]) / 2 - 2) < 0.25
-
-
-def test_a_body_that_has_arrived_waits_where_it_is():
-    out = until()
     arrived = out.taken <= MOST // 2
     assert arrived.any()
     assert not arrived.all()
@@ -160,12 +150,12 @@ def orbit(start, dt=0.05, density=by_distance, **options):
 
 
 def test_the_energy_of_an_eccentric_orbit_does_not_drift():
-    path = jax.jit(lambda s: orbit(s, steps=64_000, save_every=16))(planet(jnp.array(0.5)))
+    path = jax.jit(lambda s: orbit(s, steps=16_000, save_every=16))(planet(jnp.array(0.5)))
     assert path.ok
     square = jnp.sum(path.states.momentum**2, -1)
     energy = np.asarray(square / 2 - 1 / jnp.sqrt(jnp.sum(path.states.position**2, -1)))
     error = energy / energy[0] - 1
-    first, last = error[:400], error[-400:]
+    first, last = error[:200], error[-200:]
     assert np.abs(error).max() < 0.02
     assert abs(last.mean() - first.mean()) < 0.02 * np.abs(error).max()
 
@@ -187,39 +177,15 @@ def test_runs_in_blocks_have_the_bits_of_one_run():
     np.testing.assert_allclose(on.states.position[-1], whole.states.position[-1], atol=2e-3)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(
-    ("way", "save_every", "dtype"), [("alone", 1, "float64"), ("jit", None, "float32"), ("vmap", None, "float64")]
-)
-def test_every_way_to_run_in_blocks_agrees_with_one_run(way, save_every, dtype):
-    start = jax.tree.map(lambda x: x.astype(dtype), planet())
-    run = partial(orbit, save_every=save_every)
-    if way == "jit":
-        run = jax.jit(run, static_argnames="steps")
-    if way == "vmap":
-        start = jax.tree.map(lambda x: jnp.stack([x, x]), start)
-        run = lambda begin, steps: jax.vmap(partial(orbit, steps=steps, save_every=save_every))(begin)  # noqa: E731
-    whole, rest = run(start, steps=12), run(run(start, steps=5).carry, steps=7)
-
-    def last(tree):
-        return jax.tree.map(lambda x: x if save_every is None else x[(slice(None), -1) if way == "vmap" else -1], tree)
-
-    found, expected = (last((p.times, p.states, p.rho)) for p in (rest, whole))
-    eps = float(jnp.finfo(dtype).eps)
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=16 * eps), found, expected)
-    assert np.all(rest.carry.index == 12)
-
-
 def test_a_carry_of_another_driver_is_refused():
     part = orbit(planet(), steps=2)
-    body = ml.Particles(jnp.ones(()))
     with pytest.raises(ValueError, match="t0 and rho must be left out"):
         orbit(part.carry, steps=2, rho=1.0)
-    other = ml.integrate("Verlet", body, pull, planet(), dt=0.01, steps=2).carry
+    other = partial(ml.integrate, "Verlet", ml.Particles(jnp.ones(())), pull, dt=0.01, steps=2)
     with pytest.raises(ValueError, match="must be the carry of a run with variable steps"):
-        orbit(other, steps=2)
+        orbit(other(planet()).carry, steps=2)
     with pytest.raises(ValueError, match="variable steps"):
-        ml.integrate("Verlet", body, pull, part.carry, dt=0.01, steps=2)
+        other(part.carry)
 
 
 @pytest.mark.sample(0)
@@ -244,15 +210,8 @@ def test_gradients_equal_differences():
 
 def test_float32_time_is_not_lost():
     state = ml.ParticleState(jnp.zeros(2, jnp.float32), jnp.array([1.0, 0.0], jnp.float32))
-
-    def even(t, state):
-        del state
-        return jnp.ones_like(t)
-
-    body = ml.Particles(jnp.float32(1.0))
-    path = ml.integrate_variable_step(
-        "Verlet", body, None, state, density=even, dt=1e-3, steps=100_000, save_every=100_000
-    )
+    run = partial(ml.integrate_variable_step, "Verlet", ml.Particles(jnp.float32(1.0)), None, state)
+    path = run(density=lambda t, state: jnp.ones_like(t), dt=1e-3, steps=100_000, save_every=100_000)
     assert path.times.dtype == np.float32
     assert abs(path.times[-1] - 100) <= 2 * 100 * epsilon("float32")
 
@@ -289,13 +248,10 @@ def test_a_density_that_jumps_is_noticed():
     heights = jnp.array([1.0, 1.9, 3.0, 1000.0, jnp.inf, 0.3, 1e-3])
     start = planet(jnp.array(0.5))
 
-    def run(height):
-        density = jax.tree_util.Partial(jumping, height)
-        return orbit(start, density=density, steps=64, save_every=64), orbit(
-            start, density=density, steps=9, save_every=9
-        )
+    def run(height, steps):
+        return orbit(start, density=jax.tree_util.Partial(jumping, height), steps=steps, save_every=steps)
 
-    whole, before = jax.jit(jax.vmap(run))(heights)
+    whole, before = (jax.jit(jax.vmap(partial(run, steps=steps)))(heights) for steps in (64, 9))
     np.testing.assert_array_equal(whole.ok, [True, True, False, False, False, False, False])
     assert before.ok.all()
     # Who has strayed waits where it happened.
@@ -311,8 +267,6 @@ def test_a_density_that_jumps_is_noticed():
         ({"rho": 0.0}, "rho"),
         ({"density": lambda t, s: s.position}, "density"),
         ({"density": jax.tree_util.Partial(lively, jnp.float32(1.0))}, "density"),
-        ({"steps": 0}, "steps"),
-        ({"save_every": 3}, "save_every"),
     ],
 )
 def test_a_wrong_argument_is_named(changes, named):
@@ -321,7 +275,6 @@ def test_a_wrong_argument_is_named(changes, named):
 
 
 def test_a_method_that_is_not_symmetric_is_refused():
+    run = partial(ml.integrate_variable_step, "symplectic Euler", ml.Particles(1.0), None, planet(jnp.array(0.5)))
     with pytest.raises(ValueError, match="symmetric"):
-        ml.integrate_variable_step(
-            "symplectic Euler", ml.Particles(1.0), None, planet(jnp.array(0.5)), density=by_distance, dt=0.1, steps=1
-        )
+        run(density=by_distance, dt=0.1, steps=1)

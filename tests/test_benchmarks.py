@@ -1,4 +1,7 @@
-"""The benchmarks: cheap parts run with tiny sizes and print their tables; claims, rivals and C do what they say."""
+"""The benchmarks: cheap parts run with tiny sizes and print their tables; claims, rivals and C do what they say.
+
+The published drifts are in test_limits.py.
+"""
 
 import itertools
 import sys

@@ -17,7 +17,7 @@ STEPS = PARTS * INTERVALS
 MOMENTS = np.array([1.5, 2.0, 2.5])
 WIDTH, PUSH, COUNT = 0.02, 5.0, 4  # pulses about the third axis, from rest: the momentum stays on it
 SOONEST = [*CLASSES, *(name for name in ROTATION if name not in CLASSES)]
-FEW = [*CLASSES, "JACOBI[SRKN6b]", "LIEMID[EA*]"]  # with a loop over stages, and a force evaluated anew
+FEW = ["JACOBI[EA]", "LIEMID[I]", "AKW", "GBS12", "JACOBI[SRKN6b]", "LIEMID[EA*]"]
 ROWS = 7  # runs side by side, so that one program serves all laws of a method
 RNG = np.random.default_rng(7)
 VALUES = RNG.normal(size=(INTERVALS, 3))
@@ -98,29 +98,24 @@ def test_each_step_sees_the_control_of_its_interval_alone(name, dtype):
         momentum, attitude = part.states.momentum[:, PARTS], part.states.attitude[:, PARTS]
 
 
-def body_of(dtype=np.float64):
-    return ml.RigidBody(jnp.asarray(MOMENTS, dtype))
+def body_of():
+    return ml.RigidBody(MOMENTS)
 
 
-def start_of(dtype=np.float64):
-    return ml.RigidState(jnp.asarray([0.2, -0.3, 0.4], dtype), jnp.asarray(UP, dtype))
+def start_of():
+    return ml.RigidState([0.2, -0.3, 0.4], UP)
 
 
-ADJOINTS = {
-    "RK4": ml.adjoints.Checkpointed(),
-    "LIEMID[EA]": ml.adjoints.Reversible(),
-    "AKW": None,
-}
-
-
-@pytest.mark.parametrize("name", ADJOINTS)
+@pytest.mark.parametrize("name", ["RK4", "LIEMID[EA]"])
 @pytest.mark.sample(1)
 def test_the_gradient_with_respect_to_controls_is_exact(name):
+    adjoint = ml.adjoints.Reversible() if name == "LIEMID[EA]" else None
+
     def cost(values):
         torque = ml.torques.Held(values, HOLD) + ml.torques.HeavyTop(0.7)
-        run = {"dt": HOLD, "steps": INTERVALS, "save_every": INTERVALS, "adjoint": ADJOINTS[name]}
+        run = {"dt": HOLD, "steps": INTERVALS, "save_every": None, "adjoint": adjoint}
         end = ml.integrate(name, body_of(), torque, start_of(), **run).states
-        return end.attitude[-1] @ jnp.array([1.0, 2.0, 3.0, 4.0]) + jnp.sum(end.momentum[-1] ** 2)
+        return end.attitude @ jnp.array([1.0, 2.0, 3.0, 4.0]) + jnp.sum(end.momentum**2)
 
     ahead, step = RNG.normal(size=VALUES.shape), 1e-4
     both = quick(jax.vmap(jax.value_and_grad(cost)))
@@ -132,16 +127,15 @@ def test_the_gradient_with_respect_to_controls_is_exact(name):
 RUN = {"dt": HOLD / PARTS, "steps": STEPS, "save_every": None}
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]"])
-@pytest.mark.sample(1)
-def test_steps_backwards_and_by_a_density_of_one_are_the_same(name):
+@pytest.mark.sample(0)
+def test_steps_backwards_and_by_a_density_of_one_are_the_same():
     """The ends of steps by a density are those of the clock of a run to rounding alone."""
     torque = ml.torques.Held(VALUES, HOLD) + ml.torques.Pulses([0.31, 0.33], 0.01, [0.0, 2.0, 0.0])
-    end = ml.integrate(name, body_of(), torque, start_of(), **RUN).states
+    end = ml.integrate("LIEMID[EA]", body_of(), torque, start_of(), **RUN).states
     density = {"density": lambda t, state: jnp.ones_like(t)}
-    other = ml.integrate_variable_step(name, body_of(), torque, start_of(), **RUN, **density).states
+    other = ml.integrate_variable_step("LIEMID[EA]", body_of(), torque, start_of(), **RUN, **density).states
     back = {**RUN, "dt": -RUN["dt"], "first_step": -STEPS}
-    back = ml.integrate(name, body_of(), torque, end, **back).states
+    back = ml.integrate("LIEMID[EA]", body_of(), torque, end, **back).states
     for found, expected in ((other, end), (back, start_of())):
         assert max(map(worst, jax.tree.leaves(found), jax.tree.leaves(expected))) < 1e-14
 
@@ -153,15 +147,12 @@ def rows_of(start):
 @pytest.mark.sample(0)
 def test_controls_of_each_body_are_its_own():
     values, pushes = RNG.normal(size=(3, *VALUES.shape)), RNG.normal(size=(3, 3))
-
-    def torque(values, push, width):
-        return ml.torques.Held(values, HOLD) + ml.torques.Pulses([0.31, 0.33], width, push)
-
-    given = {**RUN, "chunk": 2}
-    all_ = torque(values, pushes, [0.01, 0.01])
-    ends = ml.ensemble("LIEMID[EA]", body_of(), all_, rows_of(start_of()), **given).states
-    one = ml.integrate("LIEMID[EA]", body_of(), torque(values[1], pushes[1], 0.01), start_of(), **RUN).states
-    assert worst(ends.momentum[1], one.momentum) < 1e-14
+    together = ml.torques.Held(values, HOLD) + ml.torques.Pulses([0.31, 0.33], [0.01, 0.01], pushes)
+    alone = ml.torques.Held(values[1], HOLD) + ml.torques.Pulses([0.31, 0.33], 0.01, pushes[1])
+    ends = ml.ensemble("LIEMID[EA]", body_of(), together, rows_of(start_of()), **RUN, chunk=2).states
+    assert (
+        worst(ends.momentum[1], ml.integrate("LIEMID[EA]", body_of(), alone, start_of(), **RUN).states.momentum) < 1e-14
+    )
 
 
 @pytest.mark.sample(0)
@@ -191,17 +182,13 @@ def free(shape=()):
     return {name: np.broadcast_to(row, (*shape, len(row))) for name, row in rows.items()}
 
 
-def coupled(count):
-    return ml.CoupledState(jnp.zeros((count, 3)) + 0.1, **free((count,)))
-
-
 ONE = ml.FreeBody(body_of(), 2.0)
 WITHIN = {
     "a sum": (lambda f: ml.torques.HeavyTop(0.5) + (f + ml.torques.Damping(0.1)), body_of(), start_of()),
     "a field of a class": (Pushed, body_of(), start_of()),
     "an axis": (lambda f: f, ml.SymmetricRotor(2.0, 2.5), ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])),
     "an engine": (lambda f: ml.spacecraft.Thrust(f, [0.1, 0.0, 0.3]), ONE, ml.FreeState(jnp.ones(3), **free())),
-    "many coupled bodies": (ml.torques.OnEach, ONE, coupled(20)),
+    "many coupled bodies": (ml.torques.OnEach, ONE, ml.CoupledState(jnp.zeros((20, 3)) + 0.1, **free((20,)))),
     "a field on spins": (
         ml.spins.AppliedField,
         ml.spins.Spins(),
@@ -237,26 +224,14 @@ def test_values_can_be_wrenches_and_differ_between_coupled_bodies():
     run = {"dt": HOLD / PARTS, "steps": STEPS}
     found = ends(ml.torques.Held(wrench, HOLD), ONE, ml.FreeState(jnp.zeros(3), **free()), **run)
     assert worst(found.linear, 0.3 + HOLD * wrench.force.sum(0)) < 1e-14
-    rows = ml.torques.Held(RNG.normal(size=(INTERVALS, 2, 3)) * np.array([0.0, 0.0, 1.0]), HOLD)
+    values = RNG.normal(size=(INTERVALS, 2, 3)) * np.array([0.0, 0.0, 1.0])
     start = ml.CoupledRigidState(jnp.zeros((2, 3)), jnp.tile(jnp.array(UP), (2, 1)))
-    assert worst(ends(rows, body_of(), start, **run).momentum, HOLD * rows.values.sum(0)) < 1e-14
-    pulses = ml.torques.Pulses([0.01, 0.5], [0.001, 0.3], rows.values[:2])
-    total = 0.001 * rows.values[0] + 0.3 * rows.values[1]
-    assert worst(ends(pulses, body_of(), start, **run).momentum, total) < 1e-14
-
-
-@pytest.mark.sample(0)
-def test_long_runs_in_float32_find_the_interval_and_the_pulse():
-    """After 2^20 steps, where the clock is rounded to an eighth of a step."""
-    dtype, first = np.float32, 2**20
-    values = np.zeros((first // 2 + 4, 3), dtype)
-    values[-4:, 2] = 1, -2, 4, 8
-    start, dt = ml.RigidState(np.zeros(3, dtype), np.array(UP, dtype)), 0.1
-    push = ml.torques.Pulses(np.array([(first + 1.5) * dt], dtype), dtype(1e-4), np.array([0.0, 1e4, 0.0], dtype))
-    for torque, total in ((ml.torques.Held(values, 2 * dt), [0, 0, 22 * dt]), (push, [0, 1, 0])):
-        run = {"dt": dt, "steps": 8, "first_step": first}
-        path = ml.integrate("LIEMID[EA]", ml.RigidBody(np.full(3, 100, dtype)), torque, start, **run, save_every=None)
-        assert worst(path.states.momentum, np.array(total, dtype)) < 4e-6
+    pulses = ml.torques.Pulses([0.01, 0.5], [0.001, 0.3], values[:2])
+    for torque, total in (
+        (ml.torques.Held(values, HOLD), HOLD * values.sum(0)),
+        (pulses, 0.001 * values[0] + 0.3 * values[1]),
+    ):
+        assert worst(ends(torque, body_of(), start, **run).momentum, total) < 1e-14
 
 
 def test_values_at_instants():

@@ -1,13 +1,16 @@
-"""Options of the compiler: given where a program runs at once and nowhere else; what they change of the results."""
+"""Options of the compiler: given where a program runs at once and nowhere else; what they change of the results;
+and one program serves every number of steps, of which a second call traces nothing.
+"""
 
 from functools import partial
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import CLASSES, by_turns, real, setup, suited
+from cases import real, setup, suited
 
 import midlie_jax as ml
 from midlie_jax._xla import compiler
@@ -18,12 +21,8 @@ VECTORISED = {"xla_disable_hlo_passes": "small-while-loop-hoisting"}
 
 @pytest.fixture
 def options(monkeypatch):
-    """Sets what `compiler_options` returns, for any number of bodies."""
-
-    def set_options(value):
-        monkeypatch.setattr(compiler, "compiler_options", value if callable(value) else lambda bodies: value)
-
-    return set_options
+    """Sets the function of the number of bodies that gives the options."""
+    return partial(monkeypatch.setattr, compiler, "compiler_options")
 
 
 def end(spin, steps=3):
@@ -37,7 +36,6 @@ def end(spin, steps=3):
     [
         ("flags : sse avx2 avx512f avx512dq", "", 1, WIDE),
         ("flags : sse avx2 avx512f avx512dq", "", 64, WIDE | VECTORISED),
-        ("flags : sse avx2", "", 3, {}),
         ("flags : sse avx2", "", 4, VECTORISED),
         ("flags : sse avx2 avx512f", "--xla_cpu_prefer_vector_width=256", 4, VECTORISED),
         ("flags : sse avx2 avx512f", "--xla_disable_hlo_passes=dce", 4, WIDE),
@@ -60,37 +58,25 @@ def test_options_are_given_where_they_help_and_no_flag_says_otherwise(
 
 
 @pytest.mark.sample(0)
-def test_the_bodies_are_counted(options):
-    """In the arrays of an ensemble and in the axes of `jax.vmap`, together."""
-    counts = []
-    options(lambda bodies: counts.append(bodies) or {})
-    end(1.0)
-    jax.vmap(end)(jnp.ones(5))
-    jax.vmap(jax.vmap(end))(jnp.ones((2, 3)))
-    states = ml.RigidState(jnp.ones((7, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (7, 1)))
-    jax.block_until_ready(ml.ensemble("RK4", ml.RigidBody([1.0, 2.0, 2.5]), None, states, dt=0.01, steps=3))
-    *counts, shared, many = counts  # what bodies share is computed first, once
-    assert (counts, shared, many) == ([1, 5, 6], 1, 7)
-
-
-@pytest.mark.sample(0)
 def test_the_options_reach_every_program_that_runs_at_once_and_no_other(options):
     """An option that no compiler knows makes every program fail to which it is given."""
     spins = jnp.array([1.0, 1.1])
-    options({"no_such_option": 1})
-    steps = iter(range(4, 100))  # a new number of steps for each call, so that nothing compiled earlier serves it
-    for run in (end, jax.vmap(partial(end, steps=3))):
-        with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
-            run(1.0 if run is end else spins)
+    options(lambda bodies: {"no_such_option": 1})
     states = ml.RigidState(jnp.ones((2, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (2, 1)))
-    with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
-        ml.ensemble("RK4", ml.RigidBody([1.0, 2.0, 2.5]), None, states, dt=0.01, steps=3)
-    for transform in (jax.jit, jax.grad, jax.jacfwd, lambda f: lambda x: jax.jit(jax.vmap(f))(x[None])[0]):
-        assert np.isfinite(transform(partial(end, steps=next(steps)))(1.0 + 0 * spins[0]))
+    for run in (
+        lambda: end(1.0),
+        lambda: jax.vmap(end)(spins),
+        lambda: ml.ensemble("RK4", ml.RigidBody([1.0, 2.0, 2.5]), None, states, dt=0.01, steps=3),
+    ):
+        with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
+            run()
+    # A new number of steps for each call, so that nothing compiled earlier serves it.
+    for steps, transform in enumerate((jax.jit, jax.grad, lambda f: lambda x: jax.jit(jax.vmap(f))(x[None])[0]), 4):
+        assert np.isfinite(transform(partial(end, steps=steps))(spins[0]))
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("name", "dtype"), by_turns(CLASSES, CLASSES[::3]))
+@pytest.mark.parametrize(("name", "dtype"), [("JACOBI[EA]", "float64"), ("NMB", "float32")])
 def test_wide_vectors_change_no_bit_and_vectorised_steps_no_more_than_rounding(name, dtype):
     s = setup()
     body = ml.RigidBody(suited(name, jnp.asarray(s.moments, dtype)))
@@ -121,21 +107,86 @@ class Numbered(eqx.Module):
         return jnp.array([sign * (1.0, 2.0, 3.0, 4.0)[(bool, int, float, complex).index(type(self.number))], 0.0, 0.0])
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("outer", [lambda run: run, jax.jit], ids=["alone", "in a program"])
-def test_equal_python_numbers_have_programs_of_their_own(outer):
+def test_equal_python_numbers_have_programs_of_their_own():
     """0.0 and -0.0 are equal, and so are 1, 1.0 and True; of each such pair the second ran as the first."""
     body, start = ml.Particles(1.0), ml.ParticleState(jnp.zeros(3), jnp.zeros(3))
-    for number, force in (
-        (0.0, 3),
-        (-0.0, -3),
-        (0, 2),
-        (False, 1),
-        (1.0, 3),
-        (1, 2),
-        (True, 1),
-        (complex(1, 0.0), 4),
-        (complex(1, -0.0), -4),
-    ):
-        run = outer(lambda start, n=number: ml.integrate("symplectic Euler", body, Numbered(n), start, dt=0.5, steps=1))
-        assert float(run(start).states.momentum[-1, 0]) == pytest.approx(force / 2), number
+    numbers = {"0.0": 3, "-0.0": -3, "0": 2, "False": 1, "1.0": 3, "1": 2, "True": 1}
+    numbers |= {"complex(1, 0.0)": 4, "complex(1, -0.0)": -4}
+    for text, force in numbers.items():
+        path = ml.integrate("symplectic Euler", body, Numbered(eval(text)), start, dt=0.5, steps=1)
+        assert float(path.states.momentum[-1, 0]) == pytest.approx(force / 2), text
+
+
+BODY = ml.RigidBody([1.0, 2.0, 2.5])
+STATE = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def counting(count, t, state):
+    """A torque that counts how often it is called."""
+    count.append(None)
+    return ml.torques.HeavyTop(2.0)(t, state)
+
+
+def solved(torque, state, dt, t0, steps):
+    term = ml.diffrax.RigidBodyTerm(BODY, torque)
+    t0, dt = jnp.asarray(t0), jnp.asarray(dt)  # diffrax makes a program for each number of Python's
+    return diffrax.diffeqsolve(term, ml.diffrax.LieSolver("JACOBI[EA]"), t0, t0 + steps * dt, dt, state, max_steps=None)
+
+
+DRIVERS = {
+    "integrate": lambda f, x, dt, t0, n: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=n, save_every=None),
+    "ensemble": lambda f, x, dt, t0, n: ml.ensemble(
+        "JACOBI[EA]", BODY, f, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), x), dt=dt, t0=t0, steps=n
+    ),
+    "saving": lambda f, x, dt, t0, n: ml.integrate(
+        "JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=2 * (32 + n), save_every=32 + n
+    ),
+    "LieSolver": solved,
+}
+FIXED = {
+    "integrate_variable_step": lambda f, x, dt, t0: ml.integrate_variable_step(
+        "JACOBI[EA]", BODY, f, x, density=ml.densities.Spin(BODY.moments, 1.0, 0.1), dt=dt, t0=t0, steps=4
+    ),
+    "saved often": lambda f, x, dt, t0: ml.integrate("JACOBI[EA]", BODY, f, x, dt=dt, t0=t0, steps=4),
+}
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_another_call_traces_nothing(driver):
+    """With another start, step, first time and number of steps."""
+    count = []
+    torque = partial(counting, count)
+    DRIVERS[driver](torque, STATE, 0.01, 0.0, 7)
+    before = len(count)
+    assert before > 0
+    other = ml.RigidState(2 * STATE.momentum, STATE.attitude)
+    for dt, t0, steps in ((0.01, 0.0, 7), (0.02, 0.5, 7), (0.02, 0.5, 10), (-0.01, 1.0, 101)):
+        DRIVERS[driver](torque, other, dt, t0, steps)
+    assert len(count) == before
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("driver", FIXED)
+def test_a_second_call_with_as_many_steps_traces_nothing(driver):
+    count = []
+    torque = partial(counting, count)
+    FIXED[driver](torque, STATE, 0.01, 0.0)
+    before = len(count)
+    FIXED[driver](torque, ml.RigidState(2 * STATE.momentum, STATE.attitude), 0.02, 0.5)
+    assert len(count) == before > 0
+
+
+def test_numbers_are_looked_at_in_every_call():
+    """Only what depends on structure is remembered."""
+    run = partial(ml.integrate, "SYMMETRIC[EA]", torque=None, dt=0.01, steps=3)
+    assert run(body=ml.RigidBody([5.0, 5.0, 1.0]), start=STATE).ok
+    assert run(body=ml.RigidBody([5.0, 1.0, 5.0]), start=STATE).ok  # the flight is fitted anew
+    with pytest.raises(ValueError, match="two equal moments"):
+        run(body=ml.RigidBody([3.0, 2.0, 4.0]), start=STATE)
+    nowhere = jax.tree.map(lambda x: jnp.nan * x, STATE)
+    with pytest.raises(ValueError, match="start must be finite"):
+        run(body=ml.RigidBody([5.0, 5.0, 1.0]), start=nowhere)
+    for dt in (0.0, 1e400):
+        with pytest.raises(ValueError, match="dt must be finite"):
+            run(body=ml.RigidBody([5.0, 5.0, 1.0]), start=STATE, dt=dt)

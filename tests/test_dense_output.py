@@ -1,7 +1,5 @@
 """States between the steps of diffrax: by a cubic of third order, and by shorter steps with the order of the method."""
 
-from functools import partial
-
 import diffrax
 import equinox as eqx
 import jax
@@ -9,27 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, QUICK, epsilon, quick
-from diffrax_cases import (
-    ADJOINTS,
-    ARGS,
-    BODY,
-    CASE,
-    DT,
-    FACTORS,
-    FROM,
-    SIZES,
-    STEPS,
-    T0,
-    TERM,
-    row,
-    solve,
-    start,
-    truth,
-)
+from cases import QUICK, epsilon, quick, whole
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
+from test_diffrax import ARGS, BODY, CASE, DT, FACTORS, FROM, SIZES, T0, TERM, row, solve, start, truth
 
 import midlie_jax as ml
 from midlie_jax.cli.oracle import exact_motion
@@ -67,7 +49,6 @@ def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
         exactly = exact(T0 + h * INSIDE)
         errors.append([np.max(np.abs(a - b)) for a, b in zip(jax.tree.leaves(got), exactly, strict=True)])
     slopes = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    print("order of momentum, attitude and their derivatives inside a step:", slopes)
     assert np.all(slopes[:, :2] > 2.8)
     assert np.all(slopes[:, 2:] > 1.8)
 
@@ -81,10 +62,7 @@ def spun(turn):
 
 @pytest.mark.sample(0)
 def test_dense_output_of_a_long_turn_is_right_or_nan():
-    """Up to 8.8 radians the attitude of a steady spin is the true one, above there is none; a controller keeps below.
-
-    Nor is there one where the ends differ from a steady turn by more than a quarter of a turn.
-    """
+    """Up to 8.8 radians the attitude of a steady spin is true, above there is none; a controller keeps below."""
     for turn in (0.0, 3.1, -3.1, 3.2, 6.0, 2 * np.pi, -8.7, 8.9):
         (y0, spin), (y1, _) = spun(0.0), spun(turn)
         for gap in (0.0, 1.5, -1.5, 1.6, -1.6):
@@ -108,35 +86,7 @@ def test_dense_output_of_a_long_turn_is_right_or_nan():
         np.testing.assert_allclose(matrix, ml.so3.to_matrix(spun(time - T0)[0].attitude), atol=1e-13)
 
 
-def only_the_top(weight):
-    return ml.torques.HeavyTop(weight, AXIS)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("state", [ml.DirectionState, ml.MomentumState])
-def test_states_without_attitude(state):
-    """Agree with the full state, between steps too."""
-    weight = ARGS[0] if state is ml.DirectionState else jnp.array(0.0)
-    top = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=only_the_top)
-    up = ml.so3.to_matrix(start().attitude)[2]
-    few, term = (
-        (state(start().momentum, up), top) if weight else (state(start().momentum), ml.diffrax.RigidBodyTerm(BODY))
-    )
-    saveat = diffrax.SaveAt(ts=jnp.linspace(T0, T0 + DT * STEPS, 23))
-    less, full = quick(
-        lambda weight: (
-            solve("LIEMID[EA]", few, weight, term=term, saveat=saveat).ys,
-            solve("LIEMID[EA]", start(), weight, term=top, saveat=saveat).ys,
-        )
-    )(weight)
-    assert np.max(np.abs(less.momentum - full.momentum)) < 1e-7  # two cubics that differ in the fourth order
-    if state is ml.DirectionState:
-        assert np.max(np.abs(less.direction - jax.vmap(ml.so3.to_matrix)(full.attitude)[:, 2])) < 1e-7
-
-
 # ---- by shorter steps ----
-
-NAMES = ["LIEMID[E1]", "JACOBI[SRKN6b]", "RK4"]  # begins with a flight, with a kick, and with neither
 
 
 def gaps(a, b):
@@ -148,7 +98,7 @@ def by_step(name):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["JACOBI[SRKN6b]", "RK4"])
 def test_inside_a_step_the_error_is_that_of_a_step(name):
     @eqx.filter_jit(compiler_options=QUICK)
     def inside(h, part):
@@ -162,7 +112,6 @@ def test_inside_a_step_the_error_is_that_of_a_step(name):
         exact = jax.tree.map(lambda x: x[0], truth(FROM + 0.6 * h))
         errors.append(gaps(inside(jnp.array(h), jnp.array(0.6)), exact))
     slope = np.log2(errors[0] / errors[1])
-    print(f"{name}: errors {errors}, exponent {slope:.2f}")
     assert slope > ml.method(name).order + 0.8
 
 
@@ -200,20 +149,6 @@ def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
         assert gaps(row(found, 1), expected) < 1e-14
 
 
-@pytest.mark.sample(0)
-def test_forward_and_reverse_mode_agree():
-    def reading(weight, adjoint):
-        term = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=ml.torques.HeavyTop)
-        options = {"saveat": diffrax.SaveAt(ts=T0 + DT * np.array([0.3, 1.7])), "adjoint": ADJOINTS[adjoint]}
-        ys = solve(by_step("LIEMID[EA]"), start(), weight, term=term, t1=T0 + 2 * DT, max_steps=4, **options).ys
-        return jnp.sum(jnp.sin(ys.momentum))
-
-    reverse = quick(jax.grad(partial(reading, adjoint="RecursiveCheckpointAdjoint")))(ARGS[0])
-    forward = quick(jax.jacfwd(partial(reading, adjoint="ForwardMode")))(ARGS[0])
-    np.testing.assert_allclose(reverse, forward, rtol=1e-12)
-    assert abs(forward) > 1e-6
-
-
 def north(t, y, args, **kwargs):
     """Where the axis of the top stands over the plane x = 0."""
     del t, args, kwargs
@@ -221,8 +156,11 @@ def north(t, y, args, **kwargs):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
-def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
+@pytest.mark.parametrize(
+    ("derivative", "adjoint"),
+    [(jax.jacfwd, diffrax.ForwardMode()), *whole((jax.grad, diffrax.RecursiveCheckpointAdjoint()))],
+)
+def test_an_event_has_the_error_of_the_method_and_a_derivative(derivative, adjoint):
     """A crossing of Lagrange's top in closed form; the cubic is wrong by much more at the same step."""
     moments, axis, weight = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0), float(ARGS[0])
     term = ml.diffrax.RigidBodyTerm(
@@ -233,7 +171,7 @@ def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
     def crossing(weight, dense):
         solver = ml.diffrax.LieSolver("SYMMETRIC[SRKN6b]", dense=dense)
         times = {"t0": jnp.array(0.0), "t1": jnp.array(8.0), "dt0": jnp.array(1 / 32)}
-        solution = solve(solver, start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
+        solution = solve(solver, start(), weight, term=term, event=event, adjoint=adjoint, **times)
         return solution.ts[0], row(solution.ys, 0)
 
     def x(t, weight):
@@ -244,7 +182,7 @@ def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
         time, state = crossing(weight, "step")
         return time, (time, state)
 
-    slope, (time, state) = quick((jax.jacfwd if mode == "ForwardMode" else jax.grad)(value, has_aux=True))(ARGS[0])
+    slope, (time, state) = quick(derivative(value, has_aux=True))(ARGS[0])
     cubic, _ = quick(lambda w: crossing(w, "cubic"))(ARGS[0])
 
     def exact(weight):
@@ -252,7 +190,6 @@ def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
 
     expected = sum(f * exact(weight + s) for f, s in zip(FACTORS, SIZES, strict=True) if f)
     error, coarse = abs(time - exact(weight)), abs(cubic - exact(weight))
-    print(f"error of the time: {error:.1e} by steps, {coarse:.1e} by the cubic; of its slope {slope - expected:.1e}")
     assert 50 * error < coarse
     assert error < 1e-8
     assert abs(north(time, state, None)) < 1e-12

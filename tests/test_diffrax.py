@@ -1,76 +1,103 @@
-"""The methods inside diffrax: their orders, error estimates, failures and messages.
+"""The methods inside diffrax: what `integrate` gives, orders, error estimates, failures and messages."""
 
-`test_dense_output.py` has the states between the steps, and `test_diffrax_matrix.py` holds all to `integrate`.
-"""
-
-import re
-from functools import partial
+from functools import cache
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 import pytest
-from cases import AXIS, epsilon, quick, real
-from diffrax_cases import (
-    ARGS,
-    BODY,
-    CASE,
-    CONTROLLERS,
-    DT,
-    FROM,
-    STEPS,
-    T0,
-    TERM,
-    TO,
-    TS,
-    end,
-    forces,
-    problem,
-    row,
-    solve,
-    start,
-    truth,
-)
+from cases import AXIS, CLASSES, PARTICLE, QUICK, ROTATION, each, epsilon, firsts, quick, setup, whole
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax.integrators.splitting import Splitting
+
+# Times exact in binary, so that differences of times are the very step of `integrate`.
+T0, DT, STEPS, EVERY = 0.25, 1 / 64, 32, 8
+CASE = setup(t0=T0)
+TIMES = T0 + DT * np.arange(STEPS + 1)
+BODY = ml.RigidBody(jnp.asarray(CASE.moments))
+
+
+def wind(strength, t):
+    return strength * jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
+
+
+def forces(args):
+    weight, strength = args
+    return ml.torques.HeavyTop(weight, AXIS) + ml.torques.Prescribed(jax.tree_util.Partial(wind, strength))
+
+
+def pull(stiffness, t, state):
+    return -stiffness * jnp.sin(state.position) * (1 + t)
+
+
+def spring(args):
+    return jax.tree_util.Partial(pull, args[0])
+
+
+ARGS = (jnp.asarray(CASE.weight), jnp.asarray(CASE.strength))
+TERM = ml.diffrax.RigidBodyTerm(BODY, torque_of_args=forces)
+SYMMETRIC = ml.diffrax.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
+SPRINGS = ml.diffrax.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
+DOTS = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
+
+
+def start(scale=1.0):
+    return ml.RigidState(scale * jnp.asarray(CASE.momentum), jnp.asarray(CASE.attitude))
+
+
+def problem(name):
+    """The term and the start for a method."""
+    if name in PARTICLE:
+        return SPRINGS, DOTS
+    return (SYMMETRIC if name.startswith("SYMMETRIC") else TERM), start()
+
+
+def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
+    solver = ml.diffrax.LieSolver(solver) if isinstance(solver, str) else solver
+    return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
+
+
+def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
+    """The solution at t1; compiled once a solver, for all times, steps and torques."""
+    options = {"stepsize_controller": controller or diffrax.ConstantStepSize()}
+    options["adjoint"] = adjoint or diffrax.RecursiveCheckpointAdjoint()
+    return solve(solver, y0, args, term=term, t0=t0, t1=t1, dt0=dt, **options)
+
+
+end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)
+
+
+FROM, TO = jnp.array(T0), jnp.array(T0 + 1)
+
+
+def truth(t1=TO, args=ARGS, term=TERM):
+    return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32, term=term).ys
+
+
+# Fourth-order differences.
+SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
+WEIGHTS = ARGS[0] + jnp.asarray(SIZES)
+
+
+def row(tree, i):
+    return jax.tree.map(lambda x: x[i] if eqx.is_array(x) else x, tree, is_leaf=lambda x: isinstance(x, np.ndarray))
+
+
+CONTROLLERS = {
+    "ConstantStepSize": {},
+    "StepTo": {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))},
+    # Never in doubt, so that its steps are those of the others.
+    "PIDController": {"stepsize_controller": diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)},
+}
+TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
 
 
 def numbers(state):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
-
-
-FREE = (jnp.array(0.0), jnp.array(0.0))
-
-
-@pytest.mark.sample(0)
-def test_one_term_under_several_solvers_agrees_at_their_orders():
-    """And who keeps the spatial momentum of a free body: ours to rounding, theirs by their orders."""
-    newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
-    solvers = [
-        (diffrax.Tsit5(), 5),
-        (diffrax.Kvaerno5(root_finder=newton), 5),
-        (ml.diffrax.LieSolver("LIEMID[EA]"), 2),
-    ]
-    exact, before = numbers(truth()), np.asarray(ml.observe.spatial_momentum(start()))
-    drifts = []
-    print(f"{'solver':12} {'error at 1/8':>12} {'order':>6} {'drift of R Pi':>14}")
-    for solver, order in solvers:
-        errors = []
-        for dt in (1 / 8, 1 / 16):
-            solution = end(solver, start(), ARGS, FROM, TO, jnp.array(dt))
-            assert bool(solution.result == diffrax.RESULTS.successful)
-            errors.append(np.max(np.abs(numbers(solution.ys) - exact)))
-        slope = np.log2(errors[0] / errors[1])
-        free = end(solver, start(), FREE, FROM, TO, jnp.array(1 / 4)).ys
-        drifts.append(np.max(np.abs(ml.observe.spatial_momentum(jax.tree.map(lambda x: x[0], free)) - before)))
-        print(f"{type(solver).__name__:12} {errors[0]:12.1e} {slope:6.2f} {drifts[-1]:14.1e}")
-        assert abs(slope - order) < 0.6
-    assert drifts[-1] < 8 * epsilon("float64")
-    assert min(drifts[:-1]) > 100 * drifts[-1]
 
 
 def test_norm_is_the_angle_between_attitudes():
@@ -87,7 +114,6 @@ def test_norm_is_the_angle_between_attitudes():
 # A method of each family; the orders of its estimate in momentum and attitude, and the span of estimate over error.
 FAMILIES = {
     "LIEMID[E2]": (2, 2, 0.95, 1.05),
-    "LIEMID[EA]": (3, 3, 0.95, 1.05),
     "NMB": (3, 3, 0.95, 1.05),
     "SYMMETRIC[SRKN6b]": (4, 5, 1.0, np.inf),
 }
@@ -122,7 +148,6 @@ def test_estimate_is_the_local_error_or_above(name):
     sizes = [[np.linalg.norm(x, axis=-1) for x in jax.tree.leaves(e)] for e in (error, true, first[3])]
     ratio, slopes = np.divide(sizes[0], sizes[1]), np.log2(np.divide(*np.transpose(sizes)))
     momentum, attitude, least, most = FAMILIES[name]
-    print(f"{name:18} estimate over error {ratio[:, 1]} at h = 1/64, orders {slopes[:, 0]}")
     assert np.all((ratio[:, 1] > least) & (ratio[:, 1] < most)), ratio
     assert np.all(np.abs(slopes[:, 0] - [momentum, attitude]) < 0.25)
     assert abs(slopes[0, 2] - 2) < 0.25
@@ -147,11 +172,8 @@ def test_failed_steps_are_rejected():
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(
-    ("name", "controller", "dense", "evaluations"),
-    [("LIEMID[EA]", "PIDController", True, 1), ("LIEMID[EA*]", "PIDController", False, 2)],
-)
-def test_torque_evaluations(name, controller, dense, evaluations):
+@pytest.mark.parametrize(("name", "saveat", "evaluations"), [("LIEMID[EA]", TS, 1), ("LIEMID[EA*]", None, 2)])
+def test_torque_evaluations(name, saveat, evaluations):
     """As `LieSolver` says, counted in the compiled program."""
     count = []
 
@@ -163,13 +185,9 @@ def test_torque_evaluations(name, controller, dense, evaluations):
         like = jax.ShapeDtypeStruct((), t.dtype)
         return ml.torques.HeavyTop(jax.pure_callback(counted, like, 1 + 0 * state.vertical()[0]), AXIS)(t, state)
 
-    saveat = TS if dense else diffrax.SaveAt(t1=True)
-    options = CONTROLLERS[controller] | {"saveat": saveat}
-    done = (
-        quick(lambda y: solve(name, y, term=ml.diffrax.RigidBodyTerm(BODY, torque), **options).ys)
-        .lower(start())
-        .compile()
-    )
+    options = CONTROLLERS["PIDController"] | {"saveat": saveat or diffrax.SaveAt(t1=True)}
+    term = ml.diffrax.RigidBodyTerm(BODY, torque)
+    done = quick(lambda y: solve(name, y, term=term, **options).ys).lower(start()).compile()
     count.clear()
     jax.block_until_ready(done(start()))
     assert evaluations * STEPS <= len(count) <= evaluations * STEPS + 2
@@ -194,27 +212,6 @@ def test_the_rotation_norm_measures_the_state_on_the_way_back_of_backsolve():
 
 
 @pytest.mark.sample(0)
-def test_float32():
-    cast = partial(jax.tree.map, lambda x: x.astype(jnp.float32) if eqx.is_array(x) else x)
-    times = [jnp.float32(t) for t in (T0, T0 + 1, DT)]
-    term = ml.diffrax.RigidBodyTerm(cast(BODY), torque_of_args=forces)
-    y = diffrax.diffeqsolve(
-        term,
-        ml.diffrax.LieSolver("LIEMID[EA]"),
-        *times,
-        cast(start()),
-        cast(ARGS),
-        saveat=diffrax.SaveAt(ts=jnp.linspace(T0, T0 + 1, 30, dtype=jnp.float32)),
-    ).ys
-    assert y.momentum.dtype == y.attitude.dtype == jnp.float32
-    assert np.max(np.abs(np.linalg.norm(np.asarray(y.attitude, np.float64), axis=-1) - 1)) < 4 * epsilon("float32")
-    exact = end(ml.diffrax.LieSolver("LIEMID[EA]"), start(), ARGS, FROM, TO, jnp.array(DT)).ys
-    assert np.max(np.abs(numbers(jax.tree.map(lambda x: x[-1], y)) - numbers(exact))) < 1e-5
-    with pytest.raises(ValueError, match="give t0, t1 and dt0 as"):
-        diffrax.diffeqsolve(term, ml.diffrax.LieSolver(), T0, T0 + 1, DT, cast(start()), cast(ARGS))
-
-
-@pytest.mark.sample(0)
 def test_kept_torque_is_renewed_after_a_jump(capfd):
     def push(t):
         return jnp.where(t < 0.75, jnp.zeros_like(t), 3 * jnp.ones_like(t)) * jnp.ones(3)
@@ -232,49 +229,11 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
     assert np.max(np.abs(numbers(once) - numbers(jax.tree.map(lambda x: x[-1], path.states)))) < 1e-13
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]"])
-def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
-    """Each is a loop of its own in the program of diffrax; without a checkpoint there are over a hundred."""
-    solver, y0 = ml.diffrax.LieSolver(name), start()
-
-    def pullback(y, args):
-        memory = solver.init(TERM, FROM, FROM + DT, y, args)
-        return jax.vjp(lambda y, args: solver.step(TERM, FROM, FROM + DT, y, args, memory, False)[0], y, args)[1]
-
-    assert len(jax.tree.leaves(jax.eval_shape(pullback, y0, ARGS))) < 60
-
-
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="`fuse` makes these loops on CPUs alone")
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", ["LIEMID[E2]", "JACOBI[EA]"])
-def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
-    """The compiler removes both where nothing uses them: of the loops that `fuse` makes, that of the step is left."""
-
-    def run(y, steps):
-        return diffrax.diffeqsolve(
-            TERM,
-            ml.diffrax.LieSolver(name),
-            T0,
-            T0 + DT * STEPS,
-            DT,
-            y,
-            ARGS,
-            stepsize_controller=steps,
-            max_steps=None,
-        )
-
-    def loops(controller):
-        program = real(lambda y: run(y, controller).ys).lower(start()).compile()
-        return len(re.findall(r"= \(.* reduce\(", program.as_text()))
-
-    assert loops(diffrax.ConstantStepSize()) == 1
-    assert loops(diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.diffrax.RotationNorm())) > 1
-
-
 def test_bad_input_names_the_cure():
     torque = ml.torques.HeavyTop(jnp.array(1.0))
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), start())
     particles = ml.Particles(jnp.array([1.0, 2.0]))
+    single, light = jax.tree.map(lambda x: x.astype(jnp.float32), (start(), BODY))
     dots = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
     wrong = [
         (lambda: ml.diffrax.LieSolver("RK5"), "did you mean 'RK4'"),
@@ -284,6 +243,8 @@ def test_bad_input_names_the_cure():
         (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
+        (lambda: solve("NMB", ml.CompensatedState(start().momentum, start().attitude)), "use a RigidState"),
+        (lambda: solve("NMB", single, term=ml.diffrax.RigidBodyTerm(light)), "give t0, t1 and dt0 as"),
         (lambda: solve("NMB", dots), "belongs to a Particles, but body is RigidBody"),
         (lambda: solve("NMB", start(), term=ml.diffrax.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
         (
@@ -294,3 +255,136 @@ def test_bad_input_names_the_cure():
     for call, message in wrong:
         with pytest.raises(ValueError, match=message):
             call()
+
+
+# ---- the states of `integrate` ----
+
+KINDS = diffrax.SaveAt(
+    subs={
+        "t1": diffrax.SubSaveAt(t1=True),
+        "ts": diffrax.SubSaveAt(ts=jnp.asarray(TIMES[::EVERY])),
+        "steps": diffrax.SubSaveAt(t0=True, steps=EVERY),
+        "fn": diffrax.SubSaveAt(t0=True, t1=True, fn=lambda t, y, args: jax.tree.map(lambda x: x * args[0], y)),
+    },
+    dense=True,
+)
+INDICES = {"t1": [-1], "ts": slice(None), "steps": slice(None), "fn": [0, -1], "dense": [1, -1]}
+
+
+REVERSE = diffrax.RecursiveCheckpointAdjoint()
+
+
+def outputs(name, weight, controller, saveat=KINDS, adjoint=REVERSE):
+    """Everything that is kept, by its kind, and the result."""
+    term, y0 = problem(name)
+    options = CONTROLLERS[controller] | {"saveat": saveat, "adjoint": adjoint, "max_steps": STEPS}
+    solution = solve(name, y0, (weight, ARGS[1]), term=term, **options)
+    if saveat is not KINDS:
+        return {"ts": solution.ys}, solution.result
+    dense = jax.vmap(solution.evaluate)(jnp.asarray(TIMES)[jnp.array([EVERY, STEPS])])
+    fn = jax.tree.map(lambda x: x / weight, solution.ys["fn"])
+    return solution.ys | {"dense": dense, "fn": fn}, solution.result
+
+
+@cache
+def paths(name):
+    """The states of `integrate` for the weights of the differences, every EVERY steps."""
+    term, y0 = problem(name)
+
+    def run(weight):
+        torque = term.torque_at((weight, ARGS[1]))
+        return ml.integrate(name, term.body, torque, y0, dt=DT, steps=STEPS, save_every=EVERY, t0=T0).states
+
+    return jax.tree.map(np.asarray, quick(jax.vmap(run))(WEIGHTS))
+
+
+def compare(kept, path):
+    """A solution with the states of `integrate`: 2 ulp a step."""
+    states_of, result = kept
+    assert bool(result == diffrax.RESULTS.successful)
+    for kind, states in states_of.items():
+        index = INDICES[kind]
+        for leaf, expected in zip(jax.tree.leaves(states), jax.tree.leaves(path), strict=True):
+            # Dense output passes through exp and log on its way to the end of the step.
+            steps = np.maximum(EVERY * np.arange(len(expected))[index], 4)
+            bound = 2 * epsilon("float64") * steps * np.max(np.abs(expected))
+            assert np.all(np.max(np.abs(leaf - expected[index]), axis=-1) <= bound), kind
+
+
+def torque_use(method):
+    """How a method comes by the torque: kept from step to step, evaluated anew, or solved for."""
+    if isinstance(method, Splitting):
+        return method.scheme.reuses_force
+    return method.evaluations > 1, method.keeps_momentum
+
+
+KEEPS = firsts(torque_use)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", each(few=KEEPS))
+def test_outputs_equal_integrate(name):
+    """With every kind of output; the controllers take turns, and so do one body and a batch."""
+    turn = ROTATION.index(name)
+    controller, batched = list(CONTROLLERS)[turn % 3], turn % 2 == 0
+
+    def program(weight):
+        return outputs(name, weight, controller)
+
+    found = quick(jax.vmap(program) if batched else program)(WEIGHTS if batched else WEIGHTS[2])
+    for i in range(len(SIZES)) if batched else (2,):
+        compare(row(found, i) if batched else found, row(paths(name), i))
+
+
+KICK, FLIGHT = ml.schemes.KICK, ml.schemes.FLIGHT
+ENDS = (KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)
+# Schemes whose first kick, or whose first and last, take a gradient of the torque: such a force is not kept.
+OWN = {
+    "ends": ml.schemes.Scheme("CHINB", 4, ENDS, gradients=(1 / 24, 0.0, 1 / 24)),
+    "displaced": ml.schemes.Scheme("CHIND", 4, ENDS, gradients=(1 / 24, 0.0, 1 / 24), displaced=True),
+    "first": ml.schemes.Scheme("FIRST", 2, ENDS, gradients=(1 / 24, 0.0, 0.0)),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", [*OWN, *each(few=CLASSES)])
+def test_equal_steps_end_where_those_of_integrate_do(name):
+    """And so with the same order: two steps of every method, and of own schemes that begin with a gradient."""
+    method = ml.method("JACOBI", OWN[name]) if name in OWN else ml.method(name)
+    term, y0 = problem(name)
+    torque = term.torque_at(ARGS)
+
+    @quick
+    def ends(start):
+        found = solve(ml.diffrax.LieSolver(method), start, term=term, t1=T0 + 2 * DT, max_steps=2)
+        path = ml.integrate(method, term.body, torque, start, dt=DT, steps=2, save_every=None, t0=T0)
+        return jax.tree.map(lambda x: x[-1], found.ys), path.states
+
+    for found, expected in zip(*map(jax.tree.leaves, ends(y0)), strict=True):
+        assert np.max(np.abs(found - expected)) <= 8 * epsilon("float64") * np.max(np.abs(expected))
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize(
+    ("name", "controller", "adjoint"),
+    [
+        ("LIEMID[EA]", "PIDController", diffrax.RecursiveCheckpointAdjoint()),
+        *whole(("NMB", "ConstantStepSize", diffrax.DirectAdjoint())),
+        ("LIEMID[E2]", "StepTo", diffrax.ForwardMode()),
+    ],
+)
+def test_derivatives_equal_differences(name, controller, adjoint):
+    """Of a method that keeps its torque, of one that solves for it, and of one that is handed it."""
+
+    def loss(states):
+        return sum(jnp.sum(jnp.sin(leaf)) for leaf in jax.tree.leaves(states))
+
+    def value(weight):
+        kept, result = outputs(name, weight, controller, TS, adjoint)
+        return loss(kept["ts"]), (kept, result)
+
+    derivative = jax.jacfwd if isinstance(adjoint, diffrax.ForwardMode) else jax.grad
+    slope, kept = quick(derivative(value, has_aux=True))(ARGS[0])
+    compare(kept, row(paths(name), 2))
+    difference = float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
+    assert abs(slope - difference) <= 1e-6 * abs(difference)

@@ -3,15 +3,16 @@
     python tests/test_gradient_references.py [METHOD ...]
 
 computes those of all symmetric methods, or of these, anew, in about two minutes each, and puts them into
-`gradient_references.json`. The motion is regular: in a
-chaotic one derivatives grow exponentially, and rounding with them.
+`gradient_references.json`. The motion is regular: in a chaotic one rounding grows exponentially.
 """
 
 # pyright: reportAttributeAccessIssue=false
 # gmpy2 says nothing of its names to a type checker.
 import json
+import re
 import sys
-from functools import cache, partial
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import gmpy2
@@ -19,10 +20,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import METHODS, quick, real, setup, suited, turn, whole
+from cases import METHODS, loop_bodies, quick, real, setup, suited, turn, whole
 from fifty_digits import exact, in_fifty_digits
 
 import midlie_jax as ml
+from midlie_jax.drivers import derivatives
 from midlie_jax.integrators import schemes
 from midlie_jax.integrators.splitting import Splitting
 
@@ -74,11 +76,7 @@ def loss(name, *given, **run):
 
 
 def reference(name, **run):
-    """A function of `parameters` with the derivatives of the loss along `directions`, in fifty digits.
-
-    The differences are over 1e-25 and have 60 digits, of which 35 are those of the derivative. The constants of the
-    method are those of float64.
-    """
+    """A function of `parameters` with the derivatives of the loss along `directions`, in fifty digits."""
     # SYMMETRIC moves bodies with two equal moments alone; its derivatives are those of the exact flight of any body.
     moves_any_body = name.replace("SYMMETRIC", "JACOBI")
     run = run or run_of(name)
@@ -106,8 +104,7 @@ ADJOINTS = {
     "Reversible": ml.adjoints.Reversible(),
     "Forward": ml.adjoints.Forward(),
 }
-TAKEN = [("SYMMETRIC[EA]", adjoint) for adjoint in ADJOINTS] + [("JACOBI[EA]", "Reversible"), ("SW", "Checkpointed")]
-TAKEN.append(("LIEMID[I]", "Forward"))
+TAKEN = [("SYMMETRIC[EA]", "Checkpointed"), ("JACOBI[EA]", "Reversible"), ("LIEMID[I]", "Forward")]
 LEFT = [(name, adjoint) for name in NAMES for adjoint in ADJOINTS if (name, adjoint) not in TAKEN]
 
 
@@ -127,7 +124,7 @@ def slopes(name, adjoint, given, **run):
 @pytest.mark.parametrize(("name", "adjoint"), [*TAKEN, *whole(*LEFT)])
 def test_gradients_of_ten_thousand_steps_equal_fifty_digits(name, adjoint):
     expected = stored()[name]
-    given = tuple(map(jnp.asarray, parameters(name)))
+    given = arrays(name)
     found = quick(partial(slopes, name, ADJOINTS[adjoint]))(given)
     for group, slope in zip(GROUPS, found, strict=True):
         assert abs(slope - float(expected[group])) <= 1e-9 * abs(float(expected[group])), group
@@ -145,7 +142,7 @@ POINTS = {
     "attitude of no turn": {"attitude": turn(0.0, 0.0, 0.0)},
     "spin about an axis of symmetry": {"moments": [2.0, 2.0, 3.5], "momentum": [0.0, 0.0, 1.5]},
 }
-FEW = [("SYMMETRIC[EA]", "Reversible"), ("JACOBI[EA]", "Checkpointed"), ("LIEMID[EA]", "Checkpointed")]
+FEW = [("SYMMETRIC[EA]", "Reversible"), ("JACOBI[EA]", "Checkpointed")]
 REST = [(name, adjoint) for name in NAMES for adjoint in ADJOINTS if (name, adjoint) not in FEW]
 
 
@@ -161,14 +158,10 @@ def test_gradients_equal_fifty_digits_where_formulas_tend_to_fail(name, adjoint)
     points = [point(name, changes) for changes in POINTS.values()]
     batch = tuple(jnp.asarray(np.stack(column)) for column in zip(*points, strict=True))
     found = quick(jax.vmap(partial(slopes, name, ADJOINTS[adjoint], **SHORT)))(batch)
+    exact_slopes = reference(name, **SHORT)
     for label, given, row in zip(POINTS, points, found, strict=True):
-        expected = np.array([float(x) for x in exact_slopes(name)(given)])
+        expected = np.array([float(x) for x in exact_slopes(given)])
         assert np.all(abs(row - expected) <= 1e-12 * (1 + abs(expected))), label
-
-
-@cache
-def exact_slopes(name):
-    return reference(name, **SHORT)
 
 
 def test_every_symmetric_method_has_stored_references():
@@ -181,12 +174,126 @@ def test_every_symmetric_method_has_stored_references():
 def test_the_gradient_of_a_long_way_back(dtype, steps, bound):
     name = "SYMMETRIC[EA]"
     run = {"steps": steps, "save_every": steps}
-    given = tuple(map(jnp.asarray, parameters(name)))
+    given = arrays(name)
     expected = real(partial(slopes, name, ml.adjoints.Checkpointed(every=1000), **run))(given)
-    found = real(partial(slopes, name, ml.adjoints.Reversible(), **run))(tuple(x.astype(dtype) for x in given)).astype(
-        float
-    )
+    back = real(partial(slopes, name, ml.adjoints.Reversible(), **run))
+    found = back(tuple(x.astype(dtype) for x in given)).astype(float)
     assert np.all(abs(found - expected) <= bound * abs(expected))
+
+
+# ---- what a choice of `adjoint=` costs in memory, and its limits; test_paths.py has the derivatives ----
+
+
+def arrays(name):
+    return tuple(map(jnp.asarray, parameters(name)))
+
+
+def lost(name, adjoint, given, steps=48, save_every=16):
+    return loss(name, *given, adjoint=adjoint, axis=(0.48, 0.6, 0.64), steps=steps, save_every=save_every)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize(("dtype", "bound"), [("float64", 4e-9), ("float32", 1.4e-3)])
+def test_the_way_back_between_two_kept_states_is_right_to_the_stated_bound(dtype, bound):
+    """Of tops that turn by up to a radian a step, over the longest distance that `Reversible` takes by itself."""
+    steps = derivatives._FARTHEST[dtype]
+    spins = jnp.linspace(0.2, 1.0, 64).astype(dtype)
+
+    def there_and_back(spin):
+        body, torque = ml.RigidBody(jnp.array([2.0, 2.0, 1.2], dtype)), ml.torques.HeavyTop(jnp.asarray(0.01, dtype))
+        start = ml.RigidState(jnp.array([0.3, 0.2, 1.2], dtype) * spin, ml.so3.exp(jnp.array([0.5, 0.2, 0.0], dtype)))
+        run = {"steps": steps, "save_every": steps}
+        there = ml.integrate("SYMMETRIC[EA]", body, torque, start, dt=jnp.asarray(0.95, dtype), **run)
+        end = jax.tree.map(lambda x: x[-1], there.states)
+        back = ml.integrate("SYMMETRIC[EA]", body, torque, end, dt=jnp.asarray(-0.95, dtype), **run)
+        pair = (back.states.attitude[-1].astype(float), start.attitude.astype(float))
+        return ml.so3.log(ml.so3.multiply(ml.so3.conjugate(pair[1]), pair[0])), there.ok & back.ok
+
+    turns, ok = real(jax.vmap(there_and_back))(spins)
+    assert jnp.all(ok)
+    assert jnp.linalg.norm(turns, axis=1).max() <= bound
+
+
+@pytest.mark.sample(0)
+def test_memory_of_the_way_back_does_not_grow_with_the_steps():
+    def memory(adjoint, steps):
+        gradient = jax.grad(partial(lost, "SYMMETRIC[EA]", adjoint, steps=steps, save_every=steps))
+        return quick(gradient).lower(arrays("SYMMETRIC[EA]")).compile().memory_analysis().temp_size_in_bytes
+
+    least = memory(ml.adjoints.Reversible(), 1600)
+    assert memory(ml.adjoints.Reversible(), 160_000) <= 1.1 * least
+    every_step = memory(ml.adjoints.Checkpointed(every=1), 160_000)
+    assert every_step >= 50 * least
+    assert memory(ml.adjoints.Checkpointed(every=400), 160_000) <= every_step / 50
+    # By default a state of ten numbers every 100 steps, and the seven that each step between two of them needs.
+    assert memory(ml.adjoints.Checkpointed(), 160_000) <= every_step / 30
+    assert memory(ml.adjoints.Checkpointed(), 1024) == memory(ml.adjoints.Checkpointed(every=1), 1024)
+    assert memory(ml.adjoints.Checkpointed(), 1600) < memory(ml.adjoints.Checkpointed(every=1), 1600)
+
+
+def test_the_steps_between_two_kept_states_divide_those_between_two_saved_ones():
+    """Of a state of ten numbers, in a long run; a run of 1024 steps keeps all states."""
+    for save_every, every in ((1024, 64), (2000, 100), (103, 103), (7, 1), (10_007, 1), (8, 8)):
+        assert derivatives._every(save_every, 20_000, 10) == every
+        assert derivatives._every(save_every, 1024, 10) == 1
+
+
+def damping(t, state):
+    del t
+    return -0.1 * state.momentum
+
+
+@pytest.mark.parametrize(
+    ("method", "torque", "adjoint", "message"),
+    [
+        ("RK4", None, ml.adjoints.Reversible(), "RK4 is not one"),
+        ("JACOBI[EA]", damping, ml.adjoints.Reversible(), "does not read the momentum"),
+        ("JACOBI[EA]", None, ml.adjoints.Reversible(every=5), r"save_every \(16\) must be divisible by every \(5\)"),
+        ("JACOBI[EA]", None, ml.adjoints.Checkpointed(every=3), r"save_every \(16\) must be divisible by every \(3\)"),
+    ],
+)
+def test_what_has_no_derivative_is_refused(method, torque, adjoint, message):
+    start = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
+    run = {"dt": 0.01, "steps": 32, "save_every": 16, "adjoint": adjoint}
+    with pytest.raises(ValueError, match=message):
+        ml.integrate(method, ml.RigidBody([1.0, 2.0, 2.5]), torque, start, **run)
+
+
+@pytest.mark.sample(0)
+def test_every_is_a_positive_integer():
+    for adjoint, every in product((ml.adjoints.Checkpointed, ml.adjoints.Reversible), (0, -1, True)):
+        with pytest.raises(ValueError, match="every must be a positive"):
+            adjoint(every=every)
+    with pytest.raises(ValueError, match="has no reverse derivative"):
+        jax.grad(partial(lost, "SYMMETRIC[EA]", ml.adjoints.Forward()))(arrays("SYMMETRIC[EA]"))
+
+
+BATCH = 1003  # a number that nothing else in the program has
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize(("name", "loops", "shared"), [("SYMMETRIC[EA]", 1, True), ("JACOBI[EA]", 2, False)])
+def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops, shared):
+    """Without those that only add up what a step contributes to the derivatives of parameters."""
+    moments, weight, _, *rest = arrays(name)
+
+    def end(parts, momentum):
+        return lost(name, ml.adjoints.Checkpointed(), (*parts, momentum, *rest), steps=8, save_every=8)
+
+    def of_each(momenta):
+        return jax.vmap(jax.grad(end), (None, 0))((moments, weight), momenta)
+
+    def of_all(momenta):
+        return jax.grad(lambda parts: jnp.sum(jax.vmap(end, (None, 0))(parts, momenta)))((moments, weight))
+
+    momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, BATCH)[:, None])
+    text = real(of_all if shared else of_each).lower(momenta).compile().as_text()
+    assert not any(re.search(rf" = f64\[\]\S* .*(fusion|reduce)\(.*{BATCH}", body) for body in loop_bodies(text))
+    fused = [re.findall(rf"%([a-z_]+)_fusion\S* = .*\[{BATCH}\].* fusion\(", body) for body in loop_bodies(text)]
+    assert max(fusions.count("broadcast_reduce") for fusions in fused) <= 2 * loops
+    # What is not: sums, and copies of kept states.
+    others = {"broadcast_reduce", "add_add", "bitcast_dynamic-update-slice"}
+    assert max(len([name for name in fusions if name not in others]) for fusions in fused) <= 6
 
 
 def main(names):

@@ -1,7 +1,4 @@
-"""What XLA's CUDA compiler makes of a step, for an H200 and without one: kernels, bytes, and how they round.
-
-Needs the compiler, not the card: `make test-kernels` installs it in an environment of its own.
-"""
+"""What XLA's CUDA compiler makes of a step, for an H200 and without one: kernels, bytes, and how they round."""
 
 import re
 

@@ -1,13 +1,18 @@
-"""Torques with leaves that are no floats: keys of random numbers, typed and raw, and integers."""
+"""Torques with leaves of all kinds: keys of random numbers, typed and raw, integers, and neural networks."""
 
+from functools import partial
+from typing import Any
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import quick
+from test_scalars import FUNCTIONS
 
 import midlie_jax as ml
-from midlie_jax._xla.fusion import begin, cut, fuse, fuse_derivative, split
+from midlie_jax._xla.replay import Packed, by_components
 
 BODY = ml.RigidBody(jnp.array([1.0, 2.0, 3.0]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), jnp.array([1.0, 0.0, 0.0, 0.0]))
@@ -58,20 +63,106 @@ def test_derivatives_pass_by_keys_and_integers(run):
     np.testing.assert_allclose([values[0], value], by_raw, rtol=1e-12)
 
 
-@pytest.mark.parametrize("held", [begin, fuse, split, cut, fuse_derivative])
-def test_what_holds_outputs_together_is_the_identity_on_any_leaf(held):
-    leaves = {
-        "key": jax.random.key(3),
-        "keys": jax.random.split(jax.random.key(3), 2),
-        "truth": jnp.array([True, False]),
-        "integers": jnp.array([3, -4], jnp.int8),
-        "floats": jnp.array([0.5, jnp.nan]),
-        "half": jnp.array(0.5, jnp.float16),
-        "complex": jnp.array([1 + 2j, 3.0]),
-        "nothing": jnp.zeros((0, 3)),
-    }
-    for found in (held(leaves), jax.jit(held)(leaves)):
-        for name, leaf in leaves.items():
-            plain = [jax.random.key_data(x) if "key" in name else x for x in (found[name], leaf)]
-            np.testing.assert_array_equal(*plain)
-            assert found[name].dtype == leaf.dtype
+ROUND = ml.RigidBody(jnp.array([1.5, 1.5, 2.5]))
+DT, STEPS = 1 / 64, 16
+
+
+class Network(eqx.Module):
+    layers: eqx.nn.MLP
+
+    def __call__(self, t, state):
+        return self.layers(state.attitude)
+
+
+class Hybrid(Network):
+    """A network that corrects a formula, in one function."""
+
+    def __call__(self, t, state):
+        return ml.torques.HeavyTop(2.0)(t, state) + super().__call__(t, state)
+
+
+def layers(width, out=3):
+    return eqx.nn.MLP(4, out, width, depth=2, activation=jnp.tanh, key=jax.random.key(0))
+
+
+def potential(net, t, state):
+    return net(state.attitude)[0]
+
+
+TORQUES = {
+    "network": lambda width: Network(layers(width)),
+    "hybrid": lambda width: Hybrid(layers(width)),
+    "potential": lambda width: ml.torques.FromPotential(jax.tree_util.Partial(potential, layers(width, 1))),
+}
+
+
+def starts(count=3):
+    turns = 0.3 * jax.random.normal(jax.random.key(1), (count, 3))
+    return jax.vmap(lambda turn: ml.RigidState(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(turn)))(turns)
+
+
+def operations(function):
+    """The shapes of all results in the trace of a function of attitudes, evaluated on components."""
+
+    def entries(q):
+        return by_components(function, jnp.asarray(0.5), Packed(q))[0]
+
+    equations = jax.make_jaxpr(entries)((jnp.asarray(0.5),) * 4).jaxpr.eqns
+    types: list[Any] = [v.aval for equation in equations for v in equation.outvars]
+    return [type_.shape for type_ in types]
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("name", TORQUES)
+def test_a_wider_network_is_no_longer_program(name):
+    torques = [TORQUES[name](width) for width in (4, 64)]
+    short, long = (operations(lambda t, q, f=f: f(t, ml.RigidState(jnp.ones(3), q))) for f in torques)
+    assert len(short) == len(long)
+
+
+@pytest.mark.parametrize("name", ["einsum_trace", "matrix_product", "exp_log"])
+def test_a_long_formula_stays_on_scalars(name):
+    shapes = operations(lambda t, q: FUNCTIONS[name](t, q[1:], q))
+    assert len(shapes) > 80
+    assert set(shapes) == {()}
+
+
+def run(torque, start, adjoint=None):
+    run = {"dt": DT, "steps": STEPS, "save_every": STEPS, "adjoint": adjoint}
+    return ml.integrate("SYMMETRIC[EA]", ROUND, torque, start, **run).states
+
+
+def last(states):
+    return jax.tree.map(lambda x: x[-1], states)
+
+
+@pytest.mark.sample(0)
+def test_a_run_under_a_network_may_be_mapped():
+    torque = TORQUES["network"](8)
+    mapped = quick(jax.vmap(lambda start: last(run(torque, start))))(starts())
+    many = ml.ensemble("SYMMETRIC[EA]", ROUND, torque, starts(), dt=DT, steps=STEPS, torque_axes=None).states
+    solo = last(quick(partial(run, torque))(jax.tree.map(lambda x: x[0], starts())))
+    for alone, row, member in zip(*map(jax.tree.leaves, (solo, mapped, many)), strict=True):
+        np.testing.assert_allclose(row[0], alone, atol=1e-14)
+        np.testing.assert_allclose(member, row, atol=1e-14)
+
+
+@pytest.mark.sample(0)
+def test_each_mode_has_the_gradient_of_a_network():
+    arrays, rest = eqx.partition(TORQUES["network"](8), eqx.is_array)
+    start = jax.tree.map(lambda x: x[0], starts())
+
+    def loss(arrays, adjoint):
+        return jnp.sum(jnp.sin(last(run(eqx.combine(arrays, rest), start, adjoint)).momentum))
+
+    direction = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=x.dtype)).reshape(x.shape), arrays)
+    value = quick(partial(loss, adjoint=ml.adjoints.Forward()))
+    a, b, c, d = (
+        value(jax.tree.map(lambda x, d, s=s: x + s * d, arrays, direction)) for s in (2e-3, 1e-3, -1e-3, -2e-3)
+    )
+    expected = (-a + 8 * b - 8 * c + d) / 12e-3
+    _, slope = quick(lambda a, d: jax.jvp(partial(loss, adjoint=ml.adjoints.Forward()), (a,), (d,)))(arrays, direction)
+    np.testing.assert_allclose(slope, expected, rtol=1e-7)
+    gradient = quick(jax.grad(partial(loss, adjoint=ml.adjoints.Reversible())))(arrays)
+    total = sum(jax.tree.leaves(jax.tree.map(lambda g, d: jnp.sum(g * d), gradient, direction)))
+    np.testing.assert_allclose(total, slope, rtol=1e-11)

@@ -1,8 +1,6 @@
 """The conditions of order of every table whose forces depend on places alone, evaluated in 60 digits, without JAX.
 
-A step of such a table is one of an explicit Runge-Kutta-Nystrom method for y'' = f(y). Its conditions of order belong
-to Nystrom's trees (Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, section II.14). A tree stands
-for a derivative of f applied to its children, each of them the velocity or the acceleration of another tree.
+Those of Nystrom's trees: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, section II.14.
 """
 
 from decimal import Decimal, localcontext

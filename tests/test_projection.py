@@ -35,8 +35,7 @@ CASES = {
     "top": (BODY, TOP, START, 2),
     "top, its direction alone": (BODY, TOP, ml.DirectionState(MOMENTUM, UP), 0),
     "top, compensated": (BODY, TOP, ml.CompensatedState(MOMENTUM, ATTITUDE), 2),
-    "tensor": (TENSOR, TOP, START, 2),
-    "compass": (BODY, COMPASS, START, 2),
+    "compass of a tensor": (TENSOR, COMPASS, START, 2),
     "no axis": (BODY, ml.torques.FromPotential(two_springs), START, None),
     "free": (BODY, None, ml.MomentumState(MOMENTUM), 0),
     # Released from rest, it swings in a plane and stands still at both ends.
@@ -64,10 +63,7 @@ def path(name, case, dtype="float64", steps=STEPS, dt=DT, save_every=10):
 
 
 def invariants(case, states):
-    """The energy, (n,), relative to the largest kinetic and potential energy; and the spatial momentum, (n, k).
-
-    Of a state without attitude what is known of it: the component along the direction, or the length.
-    """
+    """The energy, (n,), relative to the largest kinetic and potential energy; and the spatial momentum, (n, k)."""
     body, torque, _, _ = CASES[case]
     states = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), states)
     energy = np.asarray(ml.observe.energy(body, torque, states))
@@ -112,7 +108,7 @@ def plain(name):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("case", "name"), in_turns(["top", "no axis", "swing", "steady precession"], KEEPING))
+@pytest.mark.parametrize(("case", "name"), in_turns(["swing", "steady precession"], KEEPING))
 def test_a_projected_step_is_as_accurate(name, case):
     """Also where a body swings to rest, and where the gradients of the invariants are parallel."""
     fine = path("GBS12", case, steps=512, dt=1 / 64, save_every=512).states
@@ -127,33 +123,15 @@ def test_a_projected_step_is_as_accurate(name, case):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("name", KEEPING)
-def test_the_order_remains(name):
-    """Measured where errors are above rounding and the projection is at work."""
-    fine = path("GBS12", "top", steps=512, dt=1 / 64, save_every=512).states
-    steps = (8, 16) if ml.method(name).order == 12 else (16, 32)
-    errors = []
-    for count in steps:
-        states = path(name, "top", steps=count, dt=8 / count, save_every=count).states
-        errors.append(float(np.abs(states.attitude[-1] - fine.attitude[-1]).max()))
-    assert np.log2(errors[0] / errors[1]) > ml.method(name).order - 1, errors
-
-
-@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), in_turns(KEEPING, DTYPES))
 def test_what_a_step_cannot_keep_it_says(name, dtype):
-    """One step of many bodies, from short to far too long: the energy is kept to rounding, or `ok` is False.
-
-    It is kept where the step itself errs by less than a hundred thousandth.
-    """
+    """One step of many bodies, from short to far too long: the energy is kept to rounding, or `ok` is False."""
     rng = np.random.default_rng(9)
     count = 500
     moments = np.sort(np.exp(rng.uniform(-1.5, 1.5, (count, 3))), axis=1)
     moments[:, 2] = np.minimum(moments[:, 2], 0.95 * (moments[:, 0] + moments[:, 1]))
-    attitudes, momenta = (
-        rng.normal(size=(count, 4)),
-        rng.normal(size=(count, 3)) * np.exp(rng.uniform(-3, 1.5, (count, 1))),
-    )
+    attitudes = rng.normal(size=(count, 4))
+    momenta = rng.normal(size=(count, 3)) * np.exp(rng.uniform(-3, 1.5, (count, 1)))
     attitudes /= np.linalg.norm(attitudes, axis=1)[:, None]
     weights, steps = np.exp(rng.uniform(-2, 3, count)), np.exp(rng.uniform(-3, 1, count))
     arrays = [jnp.asarray(x, dtype) for x in (moments, weights, momenta, attitudes, steps)]
@@ -180,52 +158,13 @@ def test_what_a_step_cannot_keep_it_says(name, dtype):
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("dtype", "swing"), [("float64", 1e-6), ("float32", 1e-2)])
-def test_a_small_swing_is_no_failure(dtype, swing):
+def test_a_small_swing_is_no_failure():
     """Where the potential, 1 - cos, is a small difference of large terms, and the energy has few digits."""
 
     def potential(t, state):
         return 10 - 10 * ml.so3.to_matrix(state.attitude)[2, 2]
 
-    start = ml.RigidState(jnp.zeros(3, dtype), jnp.asarray(turn(swing, 0.0, 0.0), dtype))
-    body = ml.RigidBody(jnp.asarray([1.0, 2.0, 2.5], dtype))
-    run = partial(ml.integrate, "PGBS8", body, ml.torques.FromPotential(potential), dt=DT, steps=200, save_every=200)
+    start = ml.RigidState(jnp.zeros(3), turn(1e-6, 0.0, 0.0))
+    run = partial(ml.integrate, "PGBS8", BODY, ml.torques.FromPotential(potential), dt=DT, steps=200, save_every=200)
     path = quick(run)(start)
     assert path.ok, path.result
-
-
-NOT_CONSERVED = {
-    "a potential that changes": ml.torques.FromPotential(lambda t, s: jnp.cos(t) * ml.so3.to_matrix(s.attitude)[2, 2]),
-    # Rotors do no work, so that the energy is constant, but their torque is not that of a potential.
-    "rotors": TOP + ml.spacecraft.MomentumWheels([0.3, 0.0, 0.5]),
-}
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize(("torque", "name"), in_turns(NOT_CONSERVED, KEEPING))
-def test_where_no_energy_is_known_the_step_is_left_as_it_is(torque, name):
-    both = [
-        quick(partial(ml.integrate, method, BODY, NOT_CONSERVED[torque], dt=0.25, steps=8, save_every=8))(START).states
-        for method in (plain(name), name)
-    ]
-    jax.tree.map(np.testing.assert_array_equal, *both)
-
-
-@pytest.mark.sample(0)
-@pytest.mark.parametrize("name", KEEPING[:1])
-def test_its_derivative_is_the_difference(name):
-    """With respect to start, moments and weight together; also where a body starts at rest."""
-    move = np.random.default_rng(5).normal(size=11)
-    for begin in (START, CASES["swing"][2]):
-
-        def along(s, begin=begin):
-            body = ml.RigidBody(BODY.moments * (1 + 0.1 * s * move[:3]))
-            torque = ml.torques.HeavyTop(2.0 + s * move[3])
-            q = begin.attitude + s * move[4:8]
-            start = ml.RigidState(begin.momentum + s * move[8:], q / jnp.linalg.norm(q))
-            return ml.integrate(name, body, torque, start, dt=DT, steps=8, save_every=8).states
-
-        forward, value = quick(jax.jacfwd(along))(0.0), quick(along)
-        places = [value(s) for s in (-2e-4, -1e-4, 1e-4, 2e-4)]
-        slope = jax.tree.map(lambda a, b, c, d: (a - 8 * b + 8 * c - d) / 12e-4, *places)
-        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=1e-7), forward, slope)

@@ -1,5 +1,7 @@
-"""`path.result` says why a run failed, in every driver that returns a path."""
+"""What drivers return: `path.result` says why a run failed; a path is a named tuple, a table and a dataset."""
 
+import pickle
+import typing
 from functools import partial
 
 import diffrax
@@ -7,7 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
+from beartype import beartype
+from beartype.roar import BeartypeCallHintParamViolation
 from cases import CLASSES, DTYPES, each, equal_moments, quick
+from jaxtyping import jaxtyped
+from path_scenes import STATES
+from scipy.io import netcdf_file
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import RESULTS
@@ -37,14 +46,6 @@ def test_a_step_that_is_too_long_and_a_number_that_is_not_finite_are_told_apart(
         assert good == RESULTS.successful
         assert (far == RESULTS.beyond_reach) | (solves & (far == RESULTS.not_solved))
         assert (bad == RESULTS.not_finite) | (solves & (bad == RESULTS.not_solved))  # which a solve meets itself
-
-
-def test_each_body_of_a_batch_has_its_own():
-    states = jax.tree.map(lambda x: jnp.stack([x, x, x]), FAST)
-    states = ml.RigidState(states.momentum * jnp.array([[1.0], [100.0], [1.0]]), states.attitude)
-    many = ml.ensemble("JACOBI[EA]", moments("JACOBI[EA]"), TOP, states, dt=1e-3, steps=4, chunk=2)
-    assert (many.result == RESULTS.successful).tolist() == many.ok.tolist() == [True, False, True]
-    assert (many.result == RESULTS.beyond_reach).tolist() == [False, True, False]
 
 
 @pytest.mark.sample(0)
@@ -143,35 +144,27 @@ def test_diffrax_ends_at_a_body_that_cannot_be():
     assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]
 
 
-ADJOINTS = {
-    "kept": ml.adjoints.Checkpointed(),
-    "some kept": ml.adjoints.Checkpointed(every=2),
-    "backwards": ml.adjoints.Reversible(),
-}
 BODY, RUN = moments("JACOBI[EA]"), {"dt": 1e-3, "steps": 4, "save_every": 2}
 DRIVEN = {
     "ensemble": lambda torque, many, weight, **how: ml.ensemble("JACOBI[EA]", BODY, torque, many, **RUN, **how),
     "integrate": lambda torque, many, weight, **how: jax.vmap(
         lambda s: ml.integrate("JACOBI[EA]", BODY, torque, s, **RUN, **how)
     )(many),
-    "closed over": lambda torque, many, weight, **how: jax.vmap(
-        lambda s: ml.integrate("JACOBI[EA]", BODY, lambda t, x: weight * x.attitude[1:], s, **RUN)
-    )(many),
-    "adaptive": lambda torque, many, weight, **how: jax.vmap(
-        lambda s: ml.integrate_variable_step(
-            "JACOBI[EA]", BODY, torque, s, **RUN, density=lambda t, s: jnp.ones_like(t)
-        )
-    )(many),
     "free motion": lambda torque, many, weight, **how: jax.vmap(
         lambda s: ml.free_motion(ml.RigidBody(weight * jnp.array([0.25, 0.2, 0.08])), s, jnp.array([0.0, 1e-3, 2e-3]))
     )(many),
 }
-CASES = [("ensemble", "backwards"), ("integrate", "some kept"), ("closed over", "kept"), ("adaptive", "kept")]
-CASES += [("free motion", "kept")]
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(("way", "adjoint"), CASES)
+@pytest.mark.parametrize(
+    ("way", "adjoint"),
+    [
+        ("ensemble", ml.adjoints.Reversible()),
+        ("integrate", ml.adjoints.Checkpointed(every=2)),
+        ("free motion", None),
+    ],
+)
 def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(way, adjoint):
     """Of a weight that all share; the body itself is not ok, and holds NaN."""
     factors = jnp.array([[1.0], [1.1], [0.9]])
@@ -182,7 +175,7 @@ def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(w
     def run(weight, spoilt):
         momentum = many.momentum.at[1, 0].set(jnp.where(spoilt, jnp.nan, many.momentum[1, 0]))
         start = ml.RigidState.unchecked(momentum=momentum, attitude=many.attitude)
-        path = DRIVEN[way](ml.torques.HeavyTop(weight), start, weight, adjoint=ADJOINTS[adjoint])
+        path = DRIVEN[way](ml.torques.HeavyTop(weight), start, weight, adjoint=adjoint)
         counted = path.ok & (jnp.arange(3) != 1)
         seen = [jnp.sin(x).reshape(3, -1) for x in jax.tree.leaves(path.states)]
         return sum(jnp.sum(jnp.where(counted[:, None], x, 0)) for x in seen), path._replace(times=None)
@@ -225,7 +218,6 @@ SPRUNG = (ml.torques.FromPotential(springs), 10.0)
 # Method, body, torque, the highest frequency, and starts.
 STIFF = {
     "chain": ("JACOBI[EA]", HEAVY, *BONDED, [chain(), chain(1e-7)]),
-    "chain, Runge-Kutta": ("RK4", HEAVY, *BONDED, [chain()]),
     "body": ("JACOBI[EA]", HEAVY, *SPRUNG, [AWAY, FREE]),
     "particles": ("Verlet", ml.Particles(1.0), *SPRUNG, [DOTS]),
 }
@@ -261,16 +253,6 @@ def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
         np.testing.assert_array_equal(np.asarray(path.first_bad)[unstable], 1)
 
 
-@pytest.mark.sample(0)
-def test_bodies_at_rest_gain_nothing():
-    """Rounding moves a rod in equilibrium, and 0 has no kinetic energy with which to compare."""
-    body, rod, start = ml.molecules.straight_rod(
-        5, [0.1, 0.2, 0.3], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0],
-        length=2.0, radius=0.1, density=5.0, youngs_modulus=10.0, shear_modulus=4.0,
-    )  # fmt: skip
-    assert ml.integrate("JACOBI[EA]", body, rod, start, dt=1e-3, steps=400, save_every=400).ok
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("driver", ["ensemble", "adaptive", "simulate"])
 def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
@@ -294,19 +276,133 @@ def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
 
 @pytest.mark.sample(0)
 def test_a_path_prints_in_two_lines():
-    """Its times, whether it is ok, why not, and the shapes; inside a program and in a tree of axes, its parts."""
+    """Its times, whether it is ok, why not, and the shapes; inside a program its parts."""
     run = partial(ml.integrate, "JACOBI[EA]", BODY, TOP, steps=40)
     path, failed = run(FAST, dt=1e-3), run(FAST, dt=1.0)
     shapes = "RigidState(momentum=f64[41,3], attitude=f64[41,4])"
     assert repr(path) == f"Path: 41 saved states at times 0 to 0.04; ok\n{shapes}"
-    assert str(path.result) == "successful"
     assert "times 0 to 40; states[:1] ok. A step turned the body further" in repr(failed)
-    many = ml.ensemble(
-        "JACOBI[EA]", BODY, TOP, jax.tree.map(lambda x: jnp.stack([x, 100 * x if len(x) == 3 else x]), FAST), **RUN
-    )
-    assert "1 of 2 ok. A step turned" in repr(many)
-    assert str(many.result).startswith("1 of 2 failed. A step turned")
+    many = jax.tree.map(lambda x: jnp.stack([x, 100 * x if len(x) == 3 else x]), FAST)
+    assert "1 of 2 ok. A step turned" in repr(ml.ensemble("JACOBI[EA]", BODY, TOP, many, **RUN))
     texts = []
     jax.make_jaxpr(lambda s: texts.append(repr(run(s, dt=1e-3))) or s.momentum)(FAST)
     assert "times=f64[41]" in texts[0]
-    assert "ok=0" in repr(jax.tree.map(lambda x: 0, path))
+
+
+START = ml.RigidState([0.3, 1.0, -0.2], [1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module", params=["constant steps", "variable steps"])
+def path(request):
+    run = {"dt": 0.1, "steps": 4}
+    if request.param == "constant steps":
+        return ml.integrate("JACOBI[EA]", BODY, None, START, **run)
+    return ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=_density, **run)
+
+
+def _density(t, state):
+    return 1 + state.momentum[2] ** 2
+
+
+@pytest.mark.parametrize("kind", [ml.Path, ml.simulation.Simulation, ml.plot.Crossings])
+def test_annotations_with_the_class_of_the_states_are_accepted_at_run_time(kind):
+    """By Python, and by beartype, which refuses all annotations with a NamedTuple that is a `typing.Generic`."""
+    of_states = kind[ml.RigidState]
+    assert (typing.get_origin(of_states), typing.get_args(of_states)) == (kind, (ml.RigidState,))
+    made = of_states(*range(len(kind._fields)))
+    assert type(made) is kind
+
+    def first(value):
+        return value[0]
+
+    first.__annotations__ |= {"value": of_states | None}
+    assert beartype(first)(made) == 0
+    with pytest.raises(BeartypeCallHintParamViolation):
+        beartype(first)(tuple(made))
+
+
+def test_a_path_is_a_tuple(path):
+    times, states, ok, bad, _, *rest = path
+    assert (times is path.times, states is path.states, ok is path.ok, bad is path.first_bad) == (True,) * 4
+    assert len(rest) == len(path._fields) - 5
+    changed = path._replace(states=path.states.momentum)
+    assert type(changed) is type(path)
+    assert changed.states is path.states.momentum
+    back = pickle.loads(pickle.dumps(path._replace(result=None)))
+    np.testing.assert_array_equal(back.states.attitude, path.states.attitude)
+
+
+def test_a_path_goes_through_transformations(path):
+    """As a pytree of its kind, whose states keep their class."""
+    pair = jax.tree.map(lambda x: jnp.stack([x, x]), path)
+    sums = jax.vmap(jaxtyped(typechecker=beartype)(_total))(pair)
+    np.testing.assert_array_equal(sums, [jnp.sum(path.states.momentum)] * 2)
+    slope = jax.grad(lambda states: _total(path._replace(states=states)))(path.states)
+    np.testing.assert_array_equal(slope.momentum, jnp.ones_like(path.states.momentum))
+
+
+def _total(path: ml.Path[ml.RigidState]) -> jax.Array:
+    return jnp.sum(path.states.momentum)
+
+
+def test_a_path_is_written_as_csv_and_read_again(path, tmp_path):
+    path.to_csv(tmp_path / "run.csv", euler="ZYX")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["time"], path.times)
+    for i, letter in enumerate("wxyz"):
+        np.testing.assert_array_equal(table[f"attitude_{letter}"], path.states.attitude[:, i])
+    angles = np.stack([table[name] for name in table.dtype.names or () if name.startswith("euler")], axis=1)
+    expected = Rotation.from_quat(np.asarray(path.states.attitude)[:, [1, 2, 3, 0]]).as_euler("ZYX", degrees=True)
+    np.testing.assert_allclose(angles, expected, atol=1e-12)
+    assert table["ok"].all()
+
+
+def test_an_ensemble_has_a_line_per_body_and_time(tmp_path):
+    starts = jax.tree.map(lambda x: jnp.stack([x, 2 * x if x.shape[-1] == 3 else x]), START)
+    path = ml.ensemble("JACOBI[EA]", BODY, None, starts, dt=0.1, steps=4, save_every=2)
+    path.to_csv(tmp_path / "run.csv")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["body"], [0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(table["momentum_3"], np.asarray(path.states.momentum)[..., 2].ravel())
+    data = path.to_xarray()
+    assert data.momentum.dims == ("body", "time", "axis")
+    assert data.ok.dims == ("body",)
+    with pytest.raises(ValueError, match="to_csv needs saved times"):
+        ml.ensemble("JACOBI[EA]", BODY, None, starts, dt=0.1, steps=4).to_csv(tmp_path / "end.csv")
+
+
+def test_a_path_of_every_kind_of_state_is_a_dataset(tmp_path):
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2)
+    for _, start in STATES.values():
+        states = jax.tree.map(lambda x: np.stack([x, x, x]), start)
+        data = path._replace(states=states).to_xarray()
+        for name, (dims, about) in start.described().items():
+            assert data[name].dims[-len(dims) :] == dims or not dims
+            assert data[name].attrs == about
+            np.testing.assert_array_equal(data[name], getattr(states, name))
+        data.to_netcdf(tmp_path / "run.nc", engine="scipy")
+
+
+def test_observed_values_are_tables_too(tmp_path):
+    observe = {"energy": ml.observe.energy, "axis": ml.observe.Axis()}
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2, observe=observe)
+    path.to_csv(tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().split("\n")[0] == "time,axis_0,axis_1,axis_2,energy,ok"
+    with pytest.raises(ValueError, match="euler needs attitudes"):
+        path.to_csv(tmp_path / "run.csv", euler="ZYX")
+
+
+def test_netcdf_holds_flags_whole_numbers_names_and_attributes(tmp_path):
+    """As xarray reads them, and SciPy alone."""
+    observe = {"a b/c": lambda t, s: s.momentum[0] > 0, "n_µ": lambda t, s: jnp.int32(3), "L": lambda t, s: s.momentum}
+    path = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2, observe=observe)
+    rigid = ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.1, steps=2)
+    for data in (path.to_xarray(), rigid.to_xarray()):
+        data.to_netcdf(tmp_path / "run.nc")
+        with xarray.open_dataset(tmp_path / "run.nc") as read:
+            for name in data:
+                xarray.testing.assert_identical(read[name], data[name])
+                assert read[name].dtype.kind == data[name].dtype.kind
+    with netcdf_file(tmp_path / "run.nc", mmap=False) as plain:
+        assert plain.variables["attitude"].frame == b"body to space"
+        np.testing.assert_array_equal(plain.variables["momentum"][:], rigid.states.momentum)

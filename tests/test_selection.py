@@ -12,7 +12,7 @@ import midlie_jax as ml
 from midlie_jax.advice import recommend as selection
 from midlie_jax.advice.recommend import Case, one_direction
 from midlie_jax.model import so3
-from midlie_jax.model.torques import BodyTorque, Damping, DipoleInField, FromPotential, HeavyTop
+from midlie_jax.model.torques import BodyTorque, Damping, DipoleInField, HeavyTop
 
 CASE = setup(strength=0.0)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))
@@ -58,31 +58,6 @@ def test_a_free_body_takes_the_largest_step_that_its_flight_reaches():
     assert "reach" in found.note
 
 
-@pytest.mark.sample(0)
-def test_a_step_that_the_check_does_not_call_sane_is_not_recommended(monkeypatch):
-    """One step of the whole motion is accurate enough, but turns the body by more than 0.8 of the method's reach."""
-    name, torque = "JACOBI[SRKN14a]", HeavyTop(1e-3, AXIS)
-    monkeypatch.setattr(selection, "candidates", lambda *_, **__: [name])
-    one = ml.check(name, BODY, torque, START, dt=1.0)
-    found = ml.recommend(BODY, torque, START, tolerance=1e-2, duration=0.9 * one.reach / one.turn)
-    assert any(trial.ok and trial.error < 1e-2 for trial in found.tried if trial.steps == 1)
-    assert found.steps == 2
-    assert ml.check(name, BODY, torque, START, dt=found.dt).sane
-    assert "does not confirm it as sane" in found.note
-
-
-@pytest.mark.sample(0)
-def test_a_torque_of_the_momentum_gets_methods_that_take_it():
-    """Though nothing declares that it reads the momentum."""
-
-    def drag(t, state):
-        del t
-        return -0.1 * state.momentum
-
-    found = ml.recommend(BODY, drag, START, tolerance=1e-4, duration=2.0)
-    assert {trial.method for trial in found.tried} == {"JACOBI[EA]"}
-
-
 def test_candidates_fit_the_body_and_the_torque():
     for moments in ([2.0, 2.0, 1.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]):
         names = selection.candidates(ml.RigidBody(jnp.array(moments)), TOP)
@@ -107,72 +82,37 @@ def test_a_stiff_torque_is_called_stiff(coefficient):
         assert found.dt < 3 / coefficient
 
 
-@pytest.mark.sample(0)
-def test_a_torque_that_is_not_finite_is_named():
-    torque = BodyTorque(lambda t, state, body: state.momentum / jnp.zeros(3))
-    with pytest.raises(ValueError, match="not finite at the start"):
-        ml.recommend(BODY, torque, START, tolerance=1e-3, duration=1.0)
-
-
-def swings_with_time(t, state):
-    lever, up = state.in_one_frame((0.3, -0.5, 0.4))
-    return (2 + jnp.sin(t)) * jnp.cross(jnp.stack(lever), jnp.stack(up))
-
-
-def by_hand(t, state):
-    del t
-    return 2.0 * jnp.cross(so3.to_matrix(state.attitude)[2], jnp.array(AXIS))
-
-
 def changes_its_mind(t, state):
     """Of an attitude another torque than of a direction."""
     return TOP(t, state) * (2.0 if hasattr(state, "attitude") else 1.0)
 
 
-SIDEWAYS = DipoleInField(jnp.array([0.3, 0.0, 0.1]), jnp.array([0.0, 2.0, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ("torque", "direction"),
-    [
-        (TOP, (0, 0, 1)),
-        (TOP + Damping(0.1), (0, 0, 1)),
-        (SIDEWAYS, (0, 1, 0)),
-        (swings_with_time, (0, 0, 1)),
-        (FromPotential(lambda t, state: jnp.stack(state.vertical())[2]), (0, 0, 1)),
-        (BodyTorque(lambda t, state, body: TOP(t, state) / body.moments[0]), (0, 0, 1)),
-        (TOP + SIDEWAYS, None),
-        (by_hand, None),
-        (changes_its_mind, None),
-        (None, None),
-    ],
-)
-def test_a_torque_that_reads_one_direction_alone_is_known(torque, direction):
-    found = one_direction(Case(BODY, torque, START, jnp.array(0.3), 2.0, None))
-    assert (found is None) == (direction is None)
-    if found is not None:
+def test_a_torque_that_reads_one_direction_alone_is_known():
+    sideways = DipoleInField(jnp.array([0.3, 0.0, 0.1]), jnp.array([0.0, 2.0, 0.0]))
+    for torque, direction in ((TOP + Damping(0.1), (0, 0, 1)), (sideways, (0, 1, 0))):
+        found = one_direction(Case(BODY, torque, START, jnp.array(0.3), 2.0, None))
         seen = so3.to_matrix(START.attitude).T @ jnp.array(direction, float)
         np.testing.assert_allclose(found.direction, seen, atol=1e-15)
-        np.testing.assert_array_equal(found.momentum, START.momentum)
+    for torque in (TOP + sideways, changes_its_mind, None):
+        assert one_direction(Case(BODY, torque, START, jnp.array(0.3), 2.0, None)) is None
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize(("worth", "said"), [(np.inf, True), (0.0, False)])
-def test_a_state_that_takes_less_time_is_named(monkeypatch, worth, said):
-    """Of a Runge-Kutta method, with the time that was measured; not where it is not worth a word."""
+def test_a_state_that_takes_less_time_is_named(monkeypatch):
+    """Of a Runge-Kutta method, with the time that was measured."""
     monkeypatch.setattr(selection, "candidates", lambda *_, **__: ["GBS8"])
-    monkeypatch.setattr(selection, "_WORTH", worth)
+    monkeypatch.setattr(selection, "_WORTH", np.inf)
     found = ml.recommend(BODY, TOP, START, tolerance=1e-4, duration=50.0, symplectic=False)
-    assert ("on a midlie_jax.DirectionState, the same run is" in found.note) == said
+    assert "on a midlie_jax.DirectionState, the same run is" in found.note
 
 
-NAN = float("nan")
 FLYING = {
     "body": ml.FreeBody(BODY, 2.0),
     "start": ml.FreeState(START.momentum, START.attitude, jnp.ones(3), jnp.ones(3)),
 }
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -183,10 +123,11 @@ FLYING = {
         ({"start": ml.MomentumState(jnp.ones(3))}, "start must be a state with an attitude or an axis"),
         ({"torque": 3.0}, "torque must be None or a callable"),
         ({"body": TOP, "torque": BODY}, "got body HeavyTop; the body comes before the torque"),
-        *(({**FLYING, "length": length}, "length must be positive") for length in (-1.0, 0.0, 0, 1e-400)),
-        *(({**FLYING, "length": length}, "length must be finite") for length in (NAN, np.inf)),
+        *(({**FLYING, "length": length}, "length must be positive") for length in (-1.0, 1e-400)),
+        ({**FLYING, "length": np.inf}, "length must be finite"),
         ({**FLYING, "length": "one"}, "length must be an array of numbers, got str"),
         ({**FLYING, "length": (1.0, 1.0)}, r"length must be a scalar, got shape \(2,\)"),
+        ({"torque": BodyTorque(lambda t, state, body: state.momentum / jnp.zeros(3))}, "not finite at the start"),
     ],
 )
 def test_bad_arguments_are_named(changes, message):
@@ -196,12 +137,10 @@ def test_bad_arguments_are_named(changes, message):
         inspect.unwrap(ml.recommend)(**given)
 
 
-@pytest.mark.parametrize("name", ["weight", "none"])
-def test_a_traced_argument_is_refused(name):
+def test_a_traced_argument_is_refused():
     def seconds(value):
-        torque = HeavyTop(value, AXIS) if name == "weight" else TOP
+        torque = HeavyTop(value, AXIS)
         return inspect.unwrap(ml.recommend)(BODY, torque, START, tolerance=1e-3, duration=1.0).seconds
 
-    what = "it is called within a function that is traced" if name == "none" else "an argument is traced"
-    with pytest.raises(ValueError, match=f"recommend needs concrete numbers, but {what}; call it outside jit"):
+    with pytest.raises(ValueError, match="recommend needs concrete numbers, but an argument is traced; call it"):
         jax.jit(seconds)(1.0)

@@ -1,6 +1,6 @@
 """Rotations: values, first and second derivatives against 120 digits, at and near zero and pi, in both dtypes."""
 
-from itertools import product
+from itertools import combinations_with_replacement, product
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from midlie_jax.model import so3
 
-AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.36, -0.48, 0.8], [-0.6, 0.64, 0.48]])
+AXES = np.array([[0.0, 0.0, -1.0], [0.36, -0.48, 0.8], [-0.6, 0.64, 0.48]])
 ANGLES = (0.0, 1e-300, 1e-160, 1e-30, 1e-8, 1e-4, 0.1, 0.39, 0.4, 0.99, 1.01, 1.99, 2.01, 3.0)
 NEAR_PI = (np.pi - 1e-2, np.pi - 1e-4, np.pi - 1e-8, np.pi)
 DIGITS, STEP = 120, "1e-20"
@@ -88,23 +88,17 @@ def exact_jet(function, point):
             return function(y)
 
         n, middle = len(x), function(x)
-        up, down = [[shifted((i, s)) for i in range(n)] for s in (1, -1)]
-        first = [[(u - d) / (2 * h) for u, d in zip(up[i], down[i], strict=True)] for i in range(n)]
+        ends = {(i, s): shifted((i, s)) for i in range(n) for s in (1, -1)}
+        first = [[(u - d) / (2 * h) for u, d in zip(ends[i, 1], ends[i, -1], strict=True)] for i in range(n)]
         second = np.empty((n, n, len(middle)))
-        for i in range(n):
-            for j in range(i + 1):
-                if i == j:
-                    terms = zip(up[i], middle, middle, down[i], strict=True)
-                    over = h * h
-                else:
-                    corners = [shifted((i, a), (j, b)) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-                    terms, over = zip(*corners, strict=True), 4 * h * h
-                second[i, j] = second[j, i] = [float((a - b - c + d) / over) for a, b, c, d in terms]
-        return (
-            np.array([float(m) for m in middle]),
-            np.array([[float(f) for f in row] for row in first]).T,
-            np.moveaxis(second, -1, 0),
-        )
+        for i, j in combinations_with_replacement(range(n), 2):
+            corners = [ends[i, 1], middle, middle, ends[i, -1]]
+            if i != j:
+                corners = [shifted((i, a), (j, b)) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+            over = h * h * (1 if i == j else 4)
+            second[i, j] = second[j, i] = [float((a - b - c + d) / over) for a, b, c, d in zip(*corners, strict=True)]
+        tensors = [float(x) for x in middle], [[float(f) for f in row] for row in first]
+        return np.array(tensors[0]), np.array(tensors[1]).T, np.moveaxis(second, -1, 0)
 
 
 def jet(function, points):
@@ -150,13 +144,8 @@ def test_functions_of_a_vector(function, exact, bounds, dtype):
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_log(dtype):
     with mpmath.workdps(DIGITS):
-        points = np.array(
-            [
-                [float(x) for x in exact_exp([mpmath.mpf(float(a)) * mpmath.mpf(float(x)) for x in axis])]
-                for a in ANGLES + NEAR_PI
-                for axis in AXES
-            ]
-        ).astype(dtype)
+        turns = [[mpmath.mpf(float(a)) * mpmath.mpf(float(x)) for x in axis] for a in ANGLES + NEAR_PI for axis in AXES]
+        points = np.array([[float(x) for x in exact_exp(turn)] for turn in turns]).astype(dtype)
     check_jets(so3.log, exact_log, np.concatenate([points, -points[points[:, 0] > 1e-9]]), dtype, (4, 16, 64))
 
 
@@ -221,6 +210,7 @@ def test_dexp_is_the_derivative_of_exp(dtype):
 SEQUENCES = ["".join(axes) for axes in product("XYZ", repeat=3) if axes[0] != axes[1] != axes[2]]
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_euler_angles_agree_with_scipy_and_give_the_rotation_back(sequence):
     quaternions = np.random.default_rng(5).normal(size=(200, 4))

@@ -1,6 +1,10 @@
-"""The structure of the package: folders are floors, imports point down, and there are no circles of imports."""
+"""The structure of the package: imports point down, without circles, and drivers take the same arguments.
+
+docs/api.md has their table: `python tests/test_structure.py` prints it.
+"""
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
@@ -10,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import midlie_jax as ml
 from midlie_jax._lazy import ROOMS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -83,42 +88,52 @@ def test_every_folder_is_a_floor_and_every_import_points_down():
     assert users_of("laboratory") | users_of("optimistix") | users_of("optax") == set()
 
 
-def test_the_page_on_extending_lists_every_folder():
-    page = (ROOT / "docs" / "extending.md").read_text()
-    assert set(re.findall(r"^\| `(\w+)/` \|", page, re.MULTILINE)) == set(FLOORS) - {"", "_lazy"}
+PROGRAM = """
+import ast, pydoc, sys, midlie_jax as ml
+from importlib import import_module
+assert "jax" not in sys.modules
+
+def loaded(*starts):
+    return {name for name in sys.modules if name.startswith(starts)}
+
+ml.integrate
+assert not loaded(*(f"midlie_jax.{name}" for name in LAZY)), loaded("midlie_jax")
+assert len(loaded("midlie_jax.")) < 85  # 80; 152 with all of them
+ml.ensemble, ml.simulate, ml.stepper, ml.check, ml.recommend, ml.method("JACOBI[BM4]"), ml.observe.energy
+ml.torques.HeavyTop, ml.plot.view, ml.plot.bands
+assert not loaded("matplotlib", "plotly", "PIL", "diffrax", "optimistix", "midlie_jax.fitting")
+sys.modules["optax"] = sys.modules["optimistix"] = None
+assert ml.fit is ml.fitting.fit
+del sys.modules["optax"], sys.modules["optimistix"]
+assert ml.diffrax.LieSolver.__name__ == "LieSolver"
+assert not loaded(*(f"midlie_jax.{room}" for room in ROOMS))
+assert str(ml.observe.Histogram(ml.observe.energy, [0.0, 1.0]).observable) == "energy"
+
+import midlie_jax.integrators.registry
+nodes = ast.parse(open(ml.__file__ + "i").read()).body
+where = {a.asname: n.module for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
+shown = {name: getattr(ml, name) for name in dir(ml)}
+assert set(shown) == {*where, "__version__"} == {*ml.__all__, "__version__"}
+same = {n for n, m in where.items() if m and shown[n] is getattr(import_module(f"midlie_jax.{m}"), n)}
+assert set(where) - same == {"advice", "diffrax", "fitting", "plot", "simulation", *ROOMS}
+text = pydoc.plain(pydoc.render_doc(ml.CoupledState))
+assert "__init__(self" in text
+assert not any(part in text for part in ("from equinox", "__abstract", "__dataclass", "__hash__"))
+assert "__add__" in dir(ml.torques.HeavyTop) and not hasattr(ml, "a.b")
+"""
 
 
-def test_a_run_imports_only_what_it_reads():
-    """No application, though the registry finds the methods of applications by name; no state, method or torque that it
-    does not have; pictures without matplotlib; each part when it is first asked for, and fits without the optimisers,
-    which only a custom solver calls."""
-    code = (
-        "import sys, midlie_jax as ml; ml.integrate\n"
-        "def loaded(*starts): return [name for name in sys.modules if name.startswith(starts)]\n"
-        "print(*loaded('midlie_jax.'))\n"
-        "ml.ensemble, ml.simulate, ml.stepper, ml.check, ml.recommend, ml.method('JACOBI[BM4]'), ml.observe.energy\n"
-        "ml.torques.HeavyTop, ml.plot.view, ml.plot.bands\n"
-        "print(*loaded('matplotlib', 'plotly', 'PIL', 'diffrax', 'optimistix', 'midlie_jax.fitting'))\n"
-        "sys.modules['optax'] = sys.modules['optimistix'] = None; print(ml.fit is ml.fitting.fit)\n"
-        "del sys.modules['optax'], sys.modules['optimistix']; print(ml.diffrax.LieSolver.__name__)\n"
-        f"print(*loaded(*(f'midlie_jax.{{room}}' for room in {ROOMS!r})))\n"
-        "print(ml.observe.Histogram(ml.observe.energy, [0.0, 1.0]).observable)"
-    )
-    first, early, fit, solver, rooms, observable = printed(code).split("\n")[:6]
-    lazy = (
-        *(
-            "model.states.rigid",
-            "model.torques.travel",
-            "model.orbits.kepler",
-            "model.baths.langevin",
-            "model.densities",
-        ),
-        *("model.surface", "integrators.registry", "integrators.flights", "integrators.schemes"),
+def test_a_run_imports_only_what_it_reads_and_the_package_shows_the_names_of_its_stub():
+    """No application, though the registry finds its methods; pictures without matplotlib; fits without optimisers.
+
+    Each public name is what it is in the file that the stub names. Help of a class leaves out what equinox adds.
+    """
+    lazy = [
+        *("model.states.rigid", "model.torques.travel", "model.orbits.kepler", "model.baths.langevin"),
+        *("model.densities", "model.surface", "integrators.registry", "integrators.flights", "integrators.schemes"),
         *("integrators.runge_kutta", "drivers.observe.spectra"),
-    )
-    assert not set(first.split()) & {f"midlie_jax.{name}" for name in lazy}
-    assert len(first.split()) < 85  # 80; 152 with all of them
-    assert (early, fit, solver, rooms, observable) == ("", "True", "LieSolver", "", "energy")
+    ]
+    printed(f"LAZY, ROOMS = {lazy!r}, {ROOMS!r}\n{PROGRAM}")
 
 
 LAZY = ["advice", "drivers/observe", "model/baths", "model/orbits", "model/states", "model/torques", *ROOMS]
@@ -148,31 +163,9 @@ def users_of(package: str) -> set[str]:
 
 def printed(code: str) -> str:
     """What a program prints in a process of its own."""
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-
-
-def test_the_package_shows_the_names_of_its_stub():
-    """Each is what it is in the file that the stub names, also after the folder `methods` was imported. Help of a class
-    leaves out what equinox adds."""
-    code = (
-        "import ast, pydoc, sys, midlie_jax as ml; print('jax' in sys.modules)\n"
-        "import midlie_jax.integrators.registry\n"
-        "nodes = ast.parse(open(ml.__file__ + 'i').read()).body\n"
-        "where = {a.asname: n.module for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}\n"
-        "shown = {name: getattr(ml, name) for name in dir(ml)}\n"
-        "print(set(shown) == {*where, '__version__'} == {*ml.__all__, '__version__'})\n"
-        "from importlib import import_module as load\n"
-        "same = [n for n, m in where.items() if m and shown[n] is getattr(load(f'midlie_jax.{m}'), n)]\n"
-        "print(*sorted(set(where) - set(same)))\n"
-        "text = pydoc.plain(pydoc.render_doc(ml.CoupledState))\n"
-        "parts = ('__init__(self', 'from equinox', '__abstract', '__dataclass', '__hash__')\n"
-        "print(*(part in text for part in parts), '__add__' in dir(ml.torques.HeavyTop), hasattr(ml, 'a.b'))"
-    )
-    first, second, others, third = printed(code).splitlines()
-    assert (first, second) == ("False", "True")
-    folders = {"advice", "diffrax", "fitting", "plot", "simulation", *ROOMS}
-    assert set(others.split()) == folders
-    assert third.split() == ["True", "False", "False", "False", "False", "True", "False"]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.sample(0)
@@ -190,3 +183,68 @@ def test_one_file_uses_what_jax_does_not_document():
     """See midlie_jax/_xla/internals.py; custom derivatives are documented."""
     private = re.compile(r"^\s*(?:from|import) jax\.(?:core|extend|interpreters|_src)\b", re.MULTILINE)
     assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_xla.internals"]
+
+
+DRIVERS = {
+    "integrate": ml.integrate,
+    "ensemble": ml.ensemble,
+    "simulate": ml.simulate,
+    "integrate_variable_step": ml.integrate_variable_step,
+    "check": ml.check,
+    "recommend": ml.recommend,
+    "free_motion": ml.free_motion,
+    "fit": ml.fit,
+}
+FIRST = ("method", "body", "torque", "start")  # by position, in this order; all else by keyword
+OWN = {"free_motion": ("times",), "fit": ("model", "guess", "measurements")}  # by position, in one driver alone
+# What a driver does without being told differs where its work does: the reason.
+DEFAULTS = {
+    ("save_every", "integrate"): "1: a path of one body is small",
+    ("save_every", "integrate_variable_step"): "1: a path of one body is small",
+    ("steps", "check"): "None: as many as a trial needs",
+    ("method", "fit"): "by keyword, JACOBI[EA]: most fits take it",
+    ("dt", "fit"): "None: the closed form of the free motion has no step",
+}
+
+
+def parameters(name):
+    return inspect.signature(DRIVERS[name]).parameters
+
+
+def shown(parameter):
+    """A cell of the table."""
+    return "required" if parameter.default is parameter.empty else f"`{parameter.default!r}`".replace("'", '"')
+
+
+def table():
+    """The table of docs/api.md: arguments of two drivers and more."""
+    every = [key for name in DRIVERS for key in parameters(name)]
+    names = [key for key in dict.fromkeys([*FIRST, *every]) if every.count(key) > 1]
+    rows = [[f"`{key}`", *(shown(p[key]) if key in p else "" for p in map(parameters, DRIVERS))] for key in names]
+    head = ["argument", *(f"`{name}`" for name in DRIVERS)], ["---"] * (len(DRIVERS) + 1)
+    lines = ["| " + " | ".join(row) + " |" for row in (head[0], *rows)]
+    return "\n".join([lines[0], "|" + "|".join(head[1]) + "|", *lines[1:]])
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_what_moves_comes_first_and_all_else_is_named(name):
+    by_position = [p.name for p in parameters(name).values() if p.kind is not inspect.Parameter.KEYWORD_ONLY]
+    own = OWN.get(name, ())
+    assert by_position == [key for key in (*FIRST, *own) if key in by_position]
+    assert set(own) <= set(by_position)
+    for key in FIRST:
+        assert key not in parameters(name) or key in by_position or (key, name) in DEFAULTS
+
+
+def test_an_argument_has_one_default():
+    every = [(key, name, shown(p)) for name in DRIVERS for key, p in parameters(name).items()]
+    for key in {key for key, _, _ in every}:
+        assert len({default for k, name, default in every if k == key and (key, name) not in DEFAULTS}) <= 1, key
+
+
+def test_the_page_has_the_table():
+    assert table() in (ROOT / "docs" / "api.md").read_text(), "python tests/test_structure.py prints the table"
+
+
+if __name__ == "__main__":
+    print(table())

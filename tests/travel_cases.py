@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import METHODS, WAYS, equal_moments, quick, real, turn
+from cases import CLASSES, METHODS, equal_moments, quick, real, turn
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -22,18 +22,11 @@ ONE = (1.0, 0.8, -1.3), turn(0.5, -0.3, 0.8), LINEAR, (0.8, 0.5, -0.4)
 
 
 class Kind(NamedTuple):
-    """A kind of body and state.
-
-    Attributes:
-        state: its class.
-        inertia: the inertia tensor, (3, 3), or (N, 3, 3) of N bodies. Two are moved number by number, five side by
-            side, with their function compiled apart.
-        mass: () or (N,); None if they do not translate.
-    """
+    """A kind of body and state. Two bodies are moved number by number, five with their function compiled apart."""
 
     state: Any
-    inertia: np.ndarray
-    mass: Any
+    inertia: np.ndarray  # (3, 3), or (N, 3, 3) of N bodies
+    mass: Any  # () or (N,); None if they do not translate
 
     @property
     def count(self) -> int:
@@ -70,7 +63,6 @@ SYMMETRIC = np.diag([2.0, 2.0, 0.9])
 SINGLE = {
     "free": Kind(ml.FreeState, np.diag([1.0, 2.0, 2.5]), MASS),
     "free tensor": Kind(ml.FreeState, TENSOR, MASS),
-    "free symmetric": Kind(ml.FreeState, SYMMETRIC, MASS),
     "axis": Kind(ml.AxisState, SYMMETRIC, None),
     "free axis": Kind(ml.FreeAxisState, SYMMETRIC, MASS),
 }
@@ -87,18 +79,15 @@ KINDS = SINGLE | COUPLED
 
 def moved_by(kind):
     """The names of the methods that move a kind."""
-    body, symmetric = KINDS[kind].body().in_principal_axes(), "symmetric" in kind or KINDS[kind].axes
+    body, symmetric = KINDS[kind].body().in_principal_axes(), KINDS[kind].axes
     movers = [m for m in METHODS if m.moves(body) and (m.several or kind in SINGLE)]
     return [m.name for m in movers if symmetric or not equal_moments(m)]
 
 
-# Every kind with a fast method, and one method for each way of taking a step; the others in the whole matrix.
-FEW = [("free", name) for name in moved_by("free") if name in WAYS]
-FEW += [("axis", "SYMMETRIC[EA]"), ("axis", "SYMMETRIC[SRKN14a]"), ("axis", "GBS12")]
-FEW += [("free axis", "SYMMETRIC[EA]"), ("free axis", "RK4")]
-FEW += [("free tensor", "JACOBI[EA]"), ("free symmetric", "SYMMETRIC[EA]")]
-FEW += [("two", "JACOBI[EA]"), ("five", "JACOBI[EA]"), ("five", "JACOBI[SRKN6b]"), ("two", "GBS12")]
-FEW += [("five", "JACOBI[CHIN4A]"), ("two rigid", "JACOBI[EA]")]
+# Every kind with a fast method, and one method of each class; the others in the whole matrix.
+FEW = [("free", name) for name in moved_by("free") if name in (*CLASSES, "JACOBI[SRKN14a]", "JACOBI[CHIN4A]")]
+FEW += [("axis", "SYMMETRIC[EA]"), ("axis", "GBS12"), ("free axis", "SYMMETRIC[EA]"), ("free tensor", "JACOBI[EA]")]
+FEW += [("two", "JACOBI[EA]"), ("five", "JACOBI[SRKN6b]"), ("five", "JACOBI[CHIN4A]"), ("two rigid", "JACOBI[EA]")]
 FEW += [("five axes", "SYMMETRIC[EA]"), ("two axes", "SYMMETRIC[SRKN6b]"), ("five rigid", "LIEMID[EA]")]
 ALL = [(kind, name) for kind in KINDS for name in moved_by(kind)]
 
@@ -119,10 +108,7 @@ def start(kind, dtype="float64"):
 
 
 def potential(weight, t, state):
-    """For one body gravity on its axis, a spring, and a field that couples position and axis.
-
-    For each pair of several bodies axes that align, a spring, and the product of both axes with the way.
-    """
+    """For one body gravity on its axis, a spring, and a field that couples position and axis."""
     del t
     e = state.axis if hasattr(state, "axis") else ml.so3.to_matrix(state.attitude)[..., 2]
     travels = state.kind.rotation is not None
