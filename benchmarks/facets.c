@@ -1,7 +1,7 @@
 /* The limit of a sum over facets: the torque of sunlight on many bodies, by hand for the vector units of the machine.
 
    Each body has its own direction of the Sun, and all have the same facets. For the numbers of a facet see
-   midlie_jax/model/torques/sunlight.py: n, what is taken times the centroid, the lever of n, and two weights.
+   midlie_jax/asteroids/brightness.py: n, what is taken times the centroid, the lever of n, and two weights.
 
        ./facets FILE FACETS BODIES ROUNDS    FILE holds the facets (11 numbers each) and the directions (three arrays).
                                              Prints the least seconds of a round in processor time, and the torque on the

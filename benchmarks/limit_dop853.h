@@ -1,7 +1,7 @@
-/* DOP853 on momentum and quaternion, and a Newton step towards length one. See midlie_jax/methods/runge_kutta.py.
+/* DOP853 on momentum and quaternion, and a Newton step towards length one. See midlie_jax/integrators/runge_kutta.py.
    STAGE_n(k) in limit.h is the weighted sum of the changes k(0), k(1) ... of the earlier stages, STEP(k) that of all. */
 
-INLINE top changes(const body *b, vec3 p, quat q) { /* h times the rates: those of midlie_jax/methods/system.py, h last */
+INLINE top changes(const body *b, vec3 p, quat q) { /* h times the rates: those of midlie_jax/integrators/system.py, h last */
     top s = {p, q};
     REAL half = b->h / 2;
     real3 g = b->gaps, i = b->inverses;

@@ -1,4 +1,4 @@
-/* JACOBI: the free motion in closed form, for any moments. See midlie_jax/methods/flights/jacobi.py, whose letters these are.
+/* JACOBI: the free motion in closed form, for any moments. See midlie_jax/integrators/flights/jacobi.py, whose letters these are.
    The package's choice of a series for a body nearly at rest is left out: these tops spin. */
 
 typedef struct { vec re, im; } complex_number; /* im is in units of |y| */

@@ -1,4 +1,4 @@
-/* LIEMID: g (v + u x v) = y - u x y, v = 4 I u, g = atan|u|/|u|, y = h Pi. See midlie_jax/methods/flights/lie_midpoint.py. */
+/* LIEMID: g (v + u x v) = y - u x y, v = 4 I u, g = atan|u|/|u|, y = h Pi. See midlie_jax/integrators/flights/lie_midpoint.py. */
 
 typedef struct { vec3 a, b, c; vec factor; } inverse; /* rows of the adjugate, one over the determinant */
 

@@ -1,5 +1,5 @@
 /* SYMMETRIC: exp(h Pi/I1) exp(angle e3), angle = h (1/I3 - 1/I1) Pi3, with I1 = I2 and the axis of symmetry known to be the
-   third. See midlie_jax/methods/flights/symmetric.py. */
+   third. See midlie_jax/integrators/flights/symmetric.py. */
 
 INLINE void fly_symmetric(const body *b, REAL h, top *s) {
     vec3 w = stretch(h / 2 * b->inverses.x, s->p);

@@ -76,10 +76,10 @@ class Scheme:
             raise ValueError(f"scheme {self.name!r}{problem}")
 
     def _problems(self, known: bool) -> Iterator[str]:
-        if not known and self.name in _names:
-            yield ": midlie_jax has a scheme of this name; choose another name."
         if not isinstance(self.name, str) or not self.name or set("[]") & set(self.name):
             yield ": its name must be text without brackets."
+        if not known and self.name in _names:
+            yield ": midlie_jax has a scheme of this name; choose another name."
         if not isinstance(self.stages, tuple):
             yield f": stages must be a tuple of (kind, coefficient), got {self.stages!r}."
         for stage in self.stages:
