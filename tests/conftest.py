@@ -76,11 +76,10 @@ def remember_programs(folder):
 
 # Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_inputs": "test_laws"}
-# Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, damage to stores, published
-# cases, and the applications, whose states, torques and baths are also in the law of paths.
+# Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, published cases, and
+# the applications, whose states, torques and baths are also in the law of paths.
 REST = {
-    *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_oracles"),
-    *("test_own_methods", "test_simulate_damage", "test_timing", "test_public_cases"),
+    *("test_plot", "test_view", "test_charts", "test_benchmarks", "test_oracles", "test_own_methods"),
     *("test_molecules", "test_molecule_files", "test_shadows", "test_spacecraft", "test_spins"),
 }
 RELEASE = {"test_docs", "test_release"}  # what `make test` leaves out of them, `make test-release` runs

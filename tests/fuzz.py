@@ -13,7 +13,6 @@ import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -128,7 +127,6 @@ def bodies(case: Case) -> Numbers:
 
 
 def swing(weight, dt, t, state):
-    """A torque written on arrays, of the attitude and the time."""
     turn = 0.3 * t / dt
     field = jnp.stack([turn, 1 - turn * turn, jnp.ones_like(turn)])
     return weight * jnp.cross(jnp.array([0.3, -0.5, 0.4], field.dtype), ml.so3.to_matrix(state.attitude).T @ field)
@@ -335,7 +333,6 @@ def calls(draw):
 
 
 def check_call(call) -> None:
-    """Raises whatever the function raises, unless it is a ValueError."""
     name, arguments = call
     function = (CALLS | PARTS)[name][0]
     if isinstance(arguments.get("steps"), int) and arguments["steps"] > 10**6:
@@ -350,20 +347,16 @@ def check_call(call) -> None:
 # ---- the search ----
 
 
-class Search(NamedTuple):
-    """Its share of the time, how its cases are drawn, and the test."""
-
-    share: float
-    cases: Callable[[], st.SearchStrategy]
-    test: Callable[[Any], Any]
-
-
-CLASSES = {"arguments": Search(0.1, calls, check_call), "motion": Search(0.9, lambda: CASES, check)}
+# The share of the time, how cases are drawn, and the test.
+CLASSES: dict[str, tuple[float, st.SearchStrategy, Any]] = {
+    "arguments": (0.1, calls(), check_call),
+    "motion": (0.9, CASES, check),
+}
 
 
-def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy) -> int:
+def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy, test: Any) -> int:
     """Rounds of hypothesis until the time is up; the number of failures, each of which is printed."""
-    end, failures, turn, search = time.monotonic() + 60 * minutes, 0, first, CLASSES[name]
+    end, failures, turn = time.monotonic() + 60 * minutes, 0, first
     while time.monotonic() < end:
 
         @seed(turn)
@@ -377,7 +370,7 @@ def rounds(name: str, minutes: float, first: int, strategy: st.SearchStrategy) -
         )
         @given(strategy)
         def one(value: Any) -> None:
-            TALLY[f"{name} {search.test(value) or 'tried'}"] += 1
+            TALLY[f"{name} {test(value) or 'tried'}"] += 1
             conftest.leave_maps_of_memory()
 
         try:
@@ -400,9 +393,8 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     failures = 0
     for name in [chosen.only] if chosen.only else CLASSES:
-        strategy = CLASSES[name].cases()
+        share, strategy, test = CLASSES[name]
         if name == "motion" and chosen.methods:
             strategy = strategy.filter(lambda case: case.method in chosen.methods)
-        minutes = chosen.minutes * (1 if chosen.only else CLASSES[name].share)
-        failures += rounds(name, minutes, chosen.seed, strategy)
+        failures += rounds(name, chosen.minutes * (1 if chosen.only else share), chosen.seed, strategy, test)
     sys.exit(failures > 0)

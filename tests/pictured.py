@@ -16,7 +16,6 @@ def brick():
 
 
 def thrown():
-    """A brick that is thrown and tumbles."""
     spin = brick().momentum(jnp.array([0.1, 2.0, 0.3]))
     start = ml.FreeState(spin, UPRIGHT, MASS * jnp.array([8.0, 1.0, 8.0]), [0.0, 0.0, 1.0])
     return ml.integrate("JACOBI[EA]", brick(), GRAVITY, start, dt=0.05, steps=40)
@@ -35,7 +34,6 @@ def flight(count, speeds):
 
 
 def apart(count, kind=ml.CoupledState):
-    """Coupled bodies that fly apart, and their path."""
     body = ml.FreeBody(ml.RigidBody(np.tile([0.02, 0.03, 0.04], (count, 1))), np.ones(count))
     places = np.stack(3 * [np.arange(count, dtype=float)], axis=1)
     arrays = flight(count, places - places.mean(axis=0) + 0.1)

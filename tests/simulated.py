@@ -32,8 +32,6 @@ import zarr.storage
 import midlie_jax as ml
 
 BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
-# Groups of 16, 16, 16 and 2 bodies; spans of 8, 8, 8 and 1 saved states.
-CUT = {"group": 16, "span": 8, "chunk": 4}
 RNG = np.random.default_rng(11)
 WEIGHTS = RNG.uniform(1, 2, BODIES)
 MOMENTS = np.tile([2.0, 2.0, 1.0], (BODIES, 1)) * RNG.uniform(0.9, 1.1, (BODIES, 1))
@@ -43,12 +41,12 @@ ATTITUDES /= np.linalg.norm(ATTITUDES, axis=1, keepdims=True)
 
 
 def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, start=None, **options):
-    """The run, or one in which something is different."""
     body = ml.RigidBody(jnp.asarray(MOMENTS))
     start = ml.RigidState(jnp.asarray(momenta), jnp.asarray(ATTITUDES)) if start is None else start
     torque = ml.torques.HeavyTop(jnp.asarray(WEIGHTS)) if torque is None else torque
-    given = {"dt": 0.05, "steps": STEPS, "save_every": EVERY, "progress": False, **CUT, **options}
-    return ml.simulate(method, body, torque, start, out=out, **given)
+    given = {"dt": 0.05, "steps": STEPS, "save_every": EVERY, "progress": False}
+    cut = {"group": 16, "span": 8, "chunk": 4}  # groups of 16, 16, 16 and 2 bodies; spans of 8, 8, 8 and 1 saved states
+    return ml.simulate(method, body, torque, start, out=out, **{**given, **cut, **options})
 
 
 def tear(number):

@@ -1,7 +1,4 @@
-"""The benchmarks: cheap parts run with tiny sizes and print their tables; claims, rivals and C do what they say.
-
-The published drifts are in test_limits.py.
-"""
+"""The benchmarks: cheap parts run with tiny sizes and print their tables; claims, rivals and C do what they say."""
 
 import itertools
 import sys
@@ -47,19 +44,6 @@ def test_a_part_prints_its_table(name, table, monkeypatch, capsys):
 # ---- claims ----
 
 HAS, LACKS, STEPS = "JACOBI[EA]", "RK4", 2000
-
-
-@pytest.mark.parametrize(("stretch", "defect", "area"), [(1.0, 0, 0), (1.01, 0.013, 0.0201)])
-def test_defects_of_a_map_that_is_known(stretch, defect, area):
-    """Of a ball; a stretch of the momentum by 1 + e changes the form by e times 1.3 and areas by (1 + e)^2 - 1."""
-    start = np.array([1.0, 0.8, -1.3])
-    states = claims.neighbours(start, np.array([0.5, 0.5, -0.5, 0.5]))
-    turns = ml.so3.exp(0.7 * states.momentum)
-    momentum = stretch * ml.so3.rotate(ml.so3.conjugate(turns), states.momentum)
-    matrix = claims.derivative(ml.RigidState(momentum, ml.so3.multiply(states.attitude, turns)))
-    after = np.asarray(momentum[0])
-    assert abs(claims.symplectic_defect(matrix, start, after) - defect) < 1e-12
-    assert abs(claims.area_defect(matrix, start, after) - area) < 1e-12
 
 
 def test_claims_are_measured_where_they_hold_and_where_not(monkeypatch, tmp_path, capsys):

@@ -1,5 +1,6 @@
-"""Bodies in frames of their own, and what is read off a motion."""
+"""Bodies in frames of their own, what is read off a motion, and what every kind of state has beside it."""
 
+import dataclasses
 import inspect
 from functools import partial
 
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import epsilon, real, whole
+from path_scenes import STATES
 
 import midlie_jax as ml
 from midlie_jax.model import so3
@@ -23,11 +25,6 @@ START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, 
 TOP = ml.torques.HeavyTop(1.3, (0.48, 0.6, 0.64))
 
 
-def damped(t, state, body):
-    del t
-    return -0.2 * body.velocity(state.momentum)
-
-
 def tipped(t, state):
     return jnp.sin(t) * jnp.sum(so3.to_matrix(state.attitude)[2] * jnp.array([0.3, 0.5, -0.2]))
 
@@ -35,7 +32,7 @@ def tipped(t, state):
 TORQUES = {
     "none": None,
     "top": TOP,
-    "of the momentum and the body": TOP + ml.torques.BodyTorque(damped),
+    "of the momentum and the body": TOP + ml.torques.BodyTorque(lambda t, s, body: -0.2 * body.velocity(s.momentum)),
     "from a potential": ml.torques.FromPotential(tipped),
 }
 
@@ -54,10 +51,11 @@ def in_principal(torque, start):
     return turn, (None if torque is None else seen), moved
 
 
-def close(a, b, slack=1e-12):
-    """Momenta, and attitudes up to the sign of their quaternions."""
-    np.testing.assert_allclose(a.momentum, b.momentum, rtol=0, atol=slack)
-    np.testing.assert_allclose(so3.to_matrix(a.attitude), so3.to_matrix(b.attitude), rtol=0, atol=slack)
+def same(one, other, slack=2e-14):
+    """Whether two states are, up to the sign of a quaternion and to rounding."""
+    for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        sign = jnp.sign(jnp.sum(x * y, axis=-1, keepdims=True)) if x.shape[-1] == 4 else 1
+        np.testing.assert_allclose(x, jnp.where(sign == 0, 1, sign) * y, rtol=0, atol=slack)
 
 
 FRAMES = [("JACOBI[EA]", "of the momentum and the body"), ("DOP853", "from a potential")]
@@ -75,7 +73,7 @@ def test_a_body_keeps_the_frame_of_its_tensor(method, name):
     other = ml.integrate(method, body, seen, moved, dt=0.05, steps=20, save_every=10)
     assert path.ok
     back = jax.vmap(lambda p, q: ml.RigidState(turn @ p, so3.multiply(q, so3.conjugate(so3.from_matrix(turn)))))
-    close(path.states, back(other.states.momentum, other.states.attitude))
+    same(path.states, back(other.states.momentum, other.states.attitude))
 
 
 def test_tensor_velocity_and_momentum_are_those_of_the_matrix():
@@ -89,7 +87,6 @@ def test_tensor_velocity_and_momentum_are_those_of_the_matrix():
 
 @pytest.mark.sample(0)
 def test_tensors_of_many_bodies():
-    """A batch of tensors, in `from_tensor`, `TensorBody` and `ensemble`."""
     turns = so3.to_matrix(so3.exp(jnp.asarray(RNG.normal(size=(4, 3)))))
     tensors = turns @ jnp.diag(jnp.asarray(MOMENTS)) @ jnp.swapaxes(turns, -1, -2)
     body, axes = ml.RigidBody.from_tensor(tensors)
@@ -99,12 +96,11 @@ def test_tensors_of_many_bodies():
     path = ml.ensemble("JACOBI[EA]", ml.TensorBody(tensors), TOP, starts, dt=0.05, steps=10, chunk=2)
     assert path.ok.all()
     solo = ml.integrate("JACOBI[EA]", ml.TensorBody(tensors[2]), TOP, START, dt=0.05, steps=10, save_every=10)
-    close(jax.tree.map(lambda x: x[2], path.states), jax.tree.map(lambda x: x[-1], solo.states))
+    same(jax.tree.map(lambda x: x[2], path.states), jax.tree.map(lambda x: x[-1], solo.states))
 
 
 @pytest.mark.sample(0)
 def test_other_states_and_drivers_know_the_frame():
-    """A density, and diffrax as `integrate`."""
     run = {"dt": 0.02, "steps": 20, "save_every": None}
     end = ml.integrate("JACOBI[EA]", BODY, TOP, START, **run).states
     seen = {"density": lambda t, state: 1 + 0.1 * state.momentum[0] ** 2, "dt": 0.05, "steps": 8}
@@ -115,7 +111,7 @@ def test_other_states_and_drivers_know_the_frame():
     options = {"y0": START, "saveat": diffrax.SaveAt(t1=True), "adjoint": diffrax.ForwardMode()}
     for solver, slack in ((ml.diffrax.LieSolver("JACOBI[EA]"), 1e-12), (diffrax.Dopri8(), 1e-3)):
         found = diffrax.diffeqsolve(term, solver, 0.0, 0.4, 0.02, **options).ys
-        close(jax.tree.map(lambda x: x[-1], found), end, slack)
+        same(jax.tree.map(lambda x: x[-1], found), end, slack)
 
 
 # ---- what is read off a motion ----
@@ -174,8 +170,6 @@ def test_of_many_bodies_with_many_states_each_is_that_of_each_state():
     assert path.states.momentum.shape == (3, 3, 3)
 
     def each(function):
-        """The function of one body, its weight and one of its states, for all of them."""
-
         def of_one(n, k):
             body = jax.tree.map(lambda x: x[n], bodies)
             return function(body, weights[n], jax.tree.map(lambda x: x[n, k], path.states))
@@ -210,3 +204,96 @@ def test_quaternions_of_other_programs():
     exact = Slerp([0, 1], theirs[:2])(shares).as_matrix()
     np.testing.assert_allclose(so3.to_matrix(between), exact, atol=1e-14)
     assert so3.slerp(ours, ours[::-1], 0.5).shape == (6, 4)
+
+
+# ---- increments of states, states from velocities, joined bodies ----
+
+
+def some(kind, *batch):
+    def unit(size):
+        values = RNG.normal(size=(*batch, size))
+        return jnp.asarray(values / np.linalg.norm(values, axis=-1, keepdims=True))
+
+    momentum = jnp.asarray(RNG.normal(size=(*batch, 3)))
+    pose = {ml.MomentumState: (), ml.DirectionState: (unit(3),), ml.ParticleState: (momentum[::-1],)}
+    return kind(momentum, *pose.get(kind, (unit(4),)))
+
+
+KINDS = [ml.MomentumState, ml.DirectionState, ml.RigidState, ml.CompensatedState]
+
+
+@pytest.mark.parametrize(
+    ("kind", "batch"), [*zip([*KINDS, ml.ParticleState], [(), (6,), (2, 3), (), (2,)], strict=True)]
+)
+def test_an_increment_leads_from_one_state_to_the_other(kind, batch):
+    one, other = some(kind, *batch), some(kind, *batch)
+    same(other.plus(one.minus(other)), one)
+    increment = jnp.asarray(RNG.normal(size=one.minus(other).shape)) * 0.9
+    np.testing.assert_allclose(one.plus(increment).minus(one), increment, atol=1e-13)
+    same(one.plus(jnp.zeros_like(increment)), one)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_size_of_a_small_difference_is_that_of_the_increment(kind):
+    """Of a quaternion twice its change; in radians."""
+    one = some(kind)
+    increment = jnp.asarray(RNG.normal(size=one.minus(one).shape)) * 1e-6
+    difference = jax.tree.map(jnp.subtract, one.plus(increment), one)
+    momentum, angle = difference.kind.sizes(difference)
+    assert momentum == pytest.approx(float(jnp.linalg.norm(increment[:3])), rel=1e-4)
+    assert angle == pytest.approx(float(jnp.linalg.norm(increment[3:])), rel=1e-4)
+
+
+@pytest.mark.parametrize("state", [name for name, (body, _) in STATES.items() if not isinstance(body, ml.spins.Spins)])
+def test_a_state_from_velocities_has_these_velocities(state):
+    body, start = STATES[state]
+    first, *others = (getattr(start, field.name) for field in dataclasses.fields(start))
+    if isinstance(start, ml.AxisState | ml.FreeAxisState):
+        first = first - jnp.sum(first * start.axis, axis=-1, keepdims=True) * start.axis
+    velocity = body.turning.velocity(first)
+    if start.kind.rotation is not None:
+        others[1] = others[1] / jnp.asarray(body.mass)[..., None]
+    made = type(start).from_velocity(body, velocity, *others)
+    expected = [first, *(getattr(start, field.name) for field in dataclasses.fields(start)[1:])]
+    for field, value in zip(dataclasses.fields(start), expected, strict=True):
+        np.testing.assert_allclose(getattr(made, field.name), value, rtol=1e-13, atol=1e-13)
+
+
+def test_a_spin_needs_its_moment():
+    axis, velocity = [0.0, 0.6, 0.8], jnp.array([0.3, -0.2, 1.5])
+    with pytest.raises(ValueError, match="velocity has a part along the axis"):
+        ml.AxisState.from_velocity(ml.SymmetricRotor(2.0), velocity, axis)
+    made = ml.AxisState.from_velocity(ml.SymmetricRotor(2.0, 0.5), velocity, axis)
+    along = jnp.sum(velocity * jnp.array(axis)) * jnp.array(axis)
+    np.testing.assert_allclose(made.momentum, 2.0 * (velocity - along) + 0.5 * along, rtol=1e-14)
+    with pytest.raises(ValueError, match="body must be a SymmetricRotor"):
+        ml.AxisState.from_velocity(ml.RigidBody([2.0, 2.0, 0.5]), velocity, axis)
+    with pytest.raises(ValueError, match="body must be"):
+        ml.spins.SpinState.from_velocity(ml.RigidBody([1.0, 2.0, 2.5]), jnp.ones(3))
+
+
+def test_joined_bodies_are_the_body_of_all_their_points():
+    """Bodies made of point masses, joined in any position and attitude: the same as all points at once."""
+    rng = np.random.default_rng(3)
+    parts, masses, places = [], [], []
+    for _ in range(3):
+        mass, points = rng.uniform(1, 2, 5), rng.normal(size=(5, 3))
+        points -= mass @ points / mass.sum()
+        tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
+        attitude, position = ml.so3.exp(jnp.asarray(rng.normal(size=3))), rng.normal(size=3)
+        parts.append((ml.TensorBody(tensor), mass.sum(), position, attitude))
+        masses.append(mass)
+        places.append(points @ np.asarray(ml.so3.to_matrix(attitude)).T + position)
+    parts.append((None, 1.7, [0.3, -1.0, 2.0]))
+    mass, points = np.append(np.concatenate(masses), 1.7), np.concatenate([*places, [[0.3, -1.0, 2.0]]])
+    body, centre = ml.FreeBody.joined(parts)
+    assert isinstance(body.body, ml.TensorBody)
+    np.testing.assert_allclose(centre, mass @ points / mass.sum(), rtol=1e-12)
+    points = points - np.asarray(centre)
+    tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, points, strict=True))
+    np.testing.assert_allclose(body.body.tensor, tensor, rtol=1e-12, atol=1e-12)
+    with pytest.raises(ValueError, match=r"parts\[0\] must begin with"):
+        ml.FreeBody.joined([(ml.SymmetricRotor(1.0), 1.0, [0.0, 0.0, 0.0])])
+    for wrong in ([], [(None, 1.0)]):
+        with pytest.raises(ValueError, match="parts must be one or more"):
+            ml.FreeBody.joined(wrong)

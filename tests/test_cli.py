@@ -96,7 +96,6 @@ MISTAKES = [
     ([], ["COMMAND", "see midlie --help"]),
     (["run", "spherical-pendulum", "--method", "AKW"], ["'AKW' moves RigidBody", "is SymmetricRotor"]),
     (["run", "thrown-brick", "--method", "SYMMETRIC[EA]"], ["needs bodies with two equal moments"]),
-    (["chart", "spherical-pendulum", "--methods", "AKW"], ["'AKW' does not support a SymmetricRotor"]),
     (["chart", "rod"], ["'rod' has 21 coupled bodies", "a chart measures one", "midlie run rod"]),
     (["stability", "dimer"], ["needs a rigid body without translation", "'dimer' is a FreeBody"]),
     (["stability", "pulsed-body"], ["'pulsed-body' has no constant energy"]),
@@ -111,7 +110,6 @@ MISTAKES = [
 
 
 def test_a_mistake_is_one_line_and_exit_code_2():
-    """Before anything is printed."""
     for arguments, words in MISTAKES:
         assert_one_line(arguments, words)
 
@@ -131,7 +129,6 @@ def test_a_missing_extra_is_named_before_anything_is_measured(package, arguments
 
 @pytest.mark.sample(0)
 def test_a_run_is_reported_and_run_again_from_its_file(tmp_path):
-    """Every number that the run needs is in the file, and gives the states in the file."""
     path = tmp_path / "run.npz"
     options = [*("--bodies", "3", "--size", "0.02", "--seed", "7"), *("--steps", "60", "--method", "LIEMID[E2]")]
     said = midlie("run", "P1", *options, "--out", path, "--float32")
@@ -147,8 +144,6 @@ def test_a_run_is_reported_and_run_again_from_its_file(tmp_path):
     assert float(seen["throughput"].removesuffix("body-steps/s")) > 0
     assert re.fullmatch(r"\S+ s of (processor|wall) time on .+ \(median, ±\d+%\)", seen["run time"])
     found = loaded(path)
-    assert list(found["momentum_components"]) == ["momentum_1", "momentum_2", "momentum_3"]
-    assert list(found["attitude_components"]) == ["attitude_w", "attitude_x", "attitude_y", "attitude_z"]
     assert "principal axes" in str(found["momentum_frame"])
     assert "scalar first" in str(found["attitude_frame"])
     text = {name: str(found[name]) for name in found if found[name].dtype.kind == "U" and not found[name].ndim}
@@ -182,15 +177,14 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     monkeypatch.setattr(convergence, "Program", program)
     monkeypatch.setattr(scenes, "scene", lambda name, dtype=None: short)
     png = tmp_path / "figure.png"
-    methods = (BROKEN, "LIEMID[EA]")
-    outcome = midlie("chart", "slow-top", "--out", str(png), "--steps", "64", "--levels", "3", "--methods", *methods)
+    sizes = "--steps", 64, "--levels", 3
+    outcome = midlie("chart", "slow-top", "--out", png, *sizes, "--methods", BROKEN, "LIEMID[EA]")
     assert outcome.code == 0, outcome.out + outcome.err
     assert "Taylor series in 30 digits" in outcome.out
     assert outcome.err == ""  # no progress bar but on a terminal
     assert re.search(r"Processor time, per body in a batch of 256: medians of \d+ rounds.* ±\d+%", outcome.out)
     heads = next(line for line in outcome.out.splitlines() if line.startswith("method"))
     assert "time [s]  +- [%]" in heads
-
     failed = [line for line in outcome.out.splitlines() if line.startswith(BROKEN)]
     assert len(failed) == 3
     assert all("failed: RuntimeError: this one is broken" in line for line in failed)
@@ -201,8 +195,6 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
 
 @pytest.mark.sample(0)
 def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
-    """In the folder that JAX is told; the second process loads them."""
-
     def run() -> tuple[int, str]:
         env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_LOG_COMPILES": "1"}
         command = [sys.executable, "-m", "midlie_jax", "run", "P1", "--steps", "7", "--out", str(tmp_path / "run.npz")]
@@ -281,7 +273,6 @@ def test_euler_angles_near_the_poles_give_the_rotation_back(sequence):
 
 
 def simulated(out, **options):
-    """Three bodies that spin at different rates."""
     momenta = jnp.array([0.1, 0.3, 3.0])[None] * jnp.arange(1.0, 4.0)[:, None]
     start = ml.RigidState(momenta, jnp.tile(jnp.eye(4)[0], (3, 1)))
     given = {"dt": 0.1, "steps": 10, "save_every": 2, "progress": False, **options}

@@ -15,8 +15,6 @@ import nbformat
 import pytest
 from cases import benchmark
 
-import midlie_jax as ml
-
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
@@ -36,7 +34,6 @@ def blocks(page):
 
 
 def linked(page):
-    """The files that a page has links to."""
     return {(page.parent / file).resolve() for file in LINK.findall(page.read_text())}
 
 
@@ -66,12 +63,6 @@ def test_the_ratios_of_readme_and_reports_are_those_measured():
     rows = [row for scene in harness.by_scene("work-precision").values() for row in scene]
     reached = [row[f"general / {program}"] for row in rows for program in ("heyoka", "diffrax")]
     assert all(float(ratio) < 1 for ratio in reached if ratio != "-")  # the first sentence of the report
-
-
-def test_the_tagline_is_the_same_everywhere():
-    tagline = ml.__doc__.splitlines()[0].removesuffix(".")
-    texts = [(ROOT / name).read_text() for name in ("README.md", "docs/index.md", "pyproject.toml", "CITATION.cff")]
-    assert [tagline in text for text in texts] == [True] * 4
 
 
 def run_page(page):
@@ -114,13 +105,6 @@ def test_files_and_commands_that_are_named_exist(page):
     targets = set(re.findall(r"`(?:make) (\w+)", text)) | set(re.findall(r"^make (\w+)", text, re.MULTILINE))
     known = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     assert targets <= known, targets - known
-
-
-def test_makefile_names_tests_that_exist():
-    lists = re.findall(r"patsubst %,tests/test_%\.py,((?:[^)\\]|\\\n)+)\)", (ROOT / "Makefile").read_text())
-    named = " ".join(lists).replace("\\", "").split()
-    assert len(lists) == 2
-    assert [name for name in named if not (ROOT / f"tests/test_{name}.py").exists()] == []
 
 
 # ---- pictures, notebooks, programs beside ours ----

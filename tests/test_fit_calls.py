@@ -2,12 +2,16 @@
 
 import re
 import sys
+from functools import partial
+from itertools import cycle
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_fitting import MARKERS, SUN, TENSOR
+from cases import AXIS, quick, torque_classes, turn
+from scipy.spatial.transform import Rotation
+from test_fitting import MARKERS, SUN, TENSOR, TIMES, TRUTH, top, true_states
 
 import midlie_jax as ml
 from midlie_jax import fitting
@@ -56,11 +60,6 @@ def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
     np.testing.assert_allclose(found.coordinates, np.asarray(spin().values).mean(axis=0), rtol=1e-3)
 
 
-def rooted(values):
-    """A ball whose rate is not a number if the parameter is below 0.9."""
-    return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(jnp.sqrt(values["square"] - 0.9) * jnp.ones(3))
-
-
 def test_what_a_solver_returns_is_checked():
     for solver, message in (
         (lambda residuals, x, most: (x[:1], 1, True), r"got shapes \(1,\), \(\), \(\)"),
@@ -83,13 +82,27 @@ def test_a_solver_that_ends_at_no_number_has_failed():
         """Stays near the optimum, and from everywhere else goes where the model gives NaN."""
         return jnp.where(jnp.sum(residuals(x) ** 2) < 100.0, x, x - 1e4), 1, True
 
+    def rooted(values):
+        return still({"rate": jnp.sqrt(values["square"] - 0.9) * jnp.ones(3)})
+
     data = Rates(np.arange(5.0), np.sqrt(0.2) * np.ones((5, 3)), 1e-3)
     many = try_fit(data, rooted, {"square": Free([1.1])}, solver=diverging, starts=4)
     assert many.ok
     np.testing.assert_allclose(many.coordinates, 1.1)
 
 
-TIMED = np.arange(5.0)
+def speed(t, state, body, values):
+    return jnp.sqrt(state.momentum @ state.momentum)
+
+
+TIMED, SHOWN = np.arange(5.0), np.full(5, 0.4)
+
+
+def shown(**changes):
+    good = {"times": TIMED, "values": SHOWN, "sigma": 0.1, "function": speed}
+    return try_fit(fitting.Observed(**good | changes), guess=GUESS)
+
+
 WRONG = [
     (lambda: spin(values=np.full((5, 3), np.nan)), "NaN in every row"),
     (lambda: spin(values=np.full((5, 3), np.inf)), "must be finite, or NaN where missing"),
@@ -115,17 +128,21 @@ WRONG = [
     (lambda: try_fit(spin(), segments=9), "segments must not be too many for the steps, got 9"),
     (lambda: try_fit(spin(), starts=0), "starts must be"),
     (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
-    (lambda: try_fit(in_degrees(), guess={"rate": Free([0.1, 0.2, 0.3])}), "np.deg2rad"),
+    (lambda: try_fit(spin(values=np.rad2deg(spin().values)), guess=GUESS), "np.deg2rad"),
     (lambda: try_fit(spin(times=1e9 * TIMED)), "after 4e\\+09 steps"),
     (lambda: try_fit(spin(), solver=lambda x: x), "solver must be a function of"),
     (lambda: try_fit(spin(), first_span=np.nan), "first_span must be a positive finite"),
     (lambda: try_fit(spin(), solver=lambda *x: x, first_span=1.0), "first_span must be None"),
     (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
+    (lambda: shown(function=3.0), "function must be a function of"),
+    (lambda: shown(function=lambda t, state: 0.0), r"must be a function of \(t, state, body, values\)"),
+    (lambda: shown(function=lambda t, s, b, v: s.momentum), r"return shape \(\), .*, got \(3,\)"),
+    (lambda: shown(values=SHOWN[:, None]), r"return shape \(1,\).*, got \(\)"),
+    (lambda: shown(function=lambda *x: speed(*x).astype("float32")), "return float64, .*, got float32"),
+    (lambda: shown(function=lambda t, s, b, v: v["fast"]), "of the guess, got 'fast', which is not"),
+    (lambda: shown(values=SHOWN[:4]), "one row for each time"),
+    (lambda: shown(clock="late"), r"'late', which is not in the guess; add it: .*Free\(0.0\)"),
 ]
-
-
-def in_degrees():
-    return spin(values=np.rad2deg(spin().values))
 
 
 def try_fit(measurements, model=still, guess=None, **changes):
@@ -142,7 +159,6 @@ def test_what_is_wrong_is_said_before_anything_is_traced(monkeypatch):
 
 @pytest.mark.sample(0)
 def test_segments_starts_and_spans_end_at_the_same_estimate():
-    """They are ways to the optimum, which is the mean of the rates."""
     for options in ({"segments": 2, "starts": 2}, {"first_span": 1.5}):
         found = try_fit(spin(), **options)
         assert found.ok
@@ -178,7 +194,6 @@ GUESS = {"rate": Free([0.1, 0.2, 0.3])}
 
 
 def blind(values):
-    """A start that does not depend on the last number."""
     return still({"rate": values["rate"] * np.array([1.0, 1.0, 0.0])})
 
 
@@ -224,3 +239,215 @@ def test_draws_scatter_as_the_covariance_says():
     correlations = found.covariance / np.outer(deviations, deviations)
     assert np.all(np.abs(off.T @ off / n - correlations) < 5 * np.sqrt((1 + correlations**2) / n))
     np.testing.assert_array_equal(found.draws(5, seed=1)["rate"], found.draws(5, seed=1)["rate"])
+
+
+# ---- what a function of the user or an accelerometer sees, of one body, of two, and of one that travels ----
+
+LEVER, GRAVITY = np.array([0.2, -0.1, 0.3]), np.array([0.0, 0.0, -9.81])
+HEAVY = ml.torques.HeavyTop(TRUTH["weight"], AXIS)
+
+
+def gyroscope(t, state, body, values):
+    return body.velocity(state.momentum) + values["bias"]
+
+
+def accelerometer(t, state, body, values):
+    """Off the centre: by Euler's equations with the torque that the model has, too."""
+    rates = body.velocity(state.momentum)
+    change = body.velocity(jnp.cross(state.momentum, rates) + HEAVY(t, state))
+    turning = jnp.cross(change, jnp.asarray(LEVER)) + jnp.cross(rates, jnp.cross(rates, jnp.asarray(LEVER)))
+    return turning - ml.so3.rotate(ml.so3.conjugate(state.attitude), jnp.asarray(GRAVITY)) + values["bias"]
+
+
+BUILT_IN = {
+    gyroscope: partial(fitting.Rates, bias="bias"),
+    accelerometer: partial(fitting.Accelerations, lever=LEVER, gravity=GRAVITY, bias="bias"),
+}
+
+
+@pytest.mark.parametrize("function", BUILT_IN)
+def test_an_instrument_written_with_it_has_the_same_residuals(function):
+    """With noise of one sigma; missing values count zero in both."""
+    seen, body, sigma = true_states().states, top(TRUTH)[0], 1e-3
+    values = np.asarray(jax.vmap(lambda t, s: function(t, s, body, TRUTH))(jnp.asarray(TIMES), seen))
+    values = values + sigma * np.random.default_rng(0).standard_normal(values.shape)
+    values[3, ..., 1] = np.nan
+    known, general = BUILT_IN[function](TIMES, values, sigma), fitting.Observed(TIMES, values, sigma, function)
+    found = [m.of_run(HEAVY).residuals(TRUTH, body, seen) for m in (known, general)]
+    assert 0.3 < np.std(found[0]) < 3
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=2e-12)
+
+
+@pytest.mark.sample(0)
+def test_it_sees_all_bodies_of_a_coupled_state_and_one_of_them_in_of_body():
+    """The distance of two masses on a spring tells its strength; and the position of one of them does."""
+    body = ml.FreeBody(ml.RigidBody(jnp.ones((2, 3))), jnp.array([2.0, 3.0]))
+
+    def model(values):
+        def spring(t, state):
+            pull = values["spring"] * (state.position[1] - state.position[0])
+            return ml.torques.Wrench(jnp.zeros_like(state.momentum), jnp.stack([pull, -pull]))
+
+        zeros, attitudes = jnp.zeros((2, 3)), jnp.tile(jnp.eye(4)[0], (2, 1))
+        return body, spring, ml.CoupledState(zeros, attitudes, zeros, jnp.array([[0.0, 0, 0], [1.0, 0, 0]]))
+
+    times, strength = np.arange(0.1, 0.61, 0.05), 1.7
+    apart = np.cos(np.sqrt(strength * (1 / 2 + 1 / 3)) * times)
+    distance = fitting.Observed(times, apart, 0.01, lambda t, s, b, v: jnp.linalg.norm(s.position[1] - s.position[0]))
+    place = fitting.Observed(times, 3 / 5 * (1 - apart)[:, None], 0.01, lambda t, s, b, v: s.position[:1])
+    for seen in (distance, fitting.OfBody(0, place)):
+        found = ml.fit(model, {"spring": fitting.Positive(1.5)}, seen, method="JACOBI[SRKN6b]", dt=0.05)
+        assert found.ok
+        np.testing.assert_allclose(found.values["spring"], strength, rtol=1e-6)
+
+
+def test_a_function_that_holds_arrays_is_mapped_over_with_them():
+    """Three factors, each with its own residuals (factor |Omega| - value) / sigma, of the dtype of the values."""
+    dtype = "float32"
+
+    def scaled(factor, t, state, body, values):
+        return factor * speed(t, state, body, values) + 0 * t
+
+    def residuals(factor):
+        function = jax.tree_util.Partial(scaled, factor)
+        seen = fitting.Observed(np.arange(5.0, dtype=dtype), values, 0.1, function)
+        return seen.residuals({}, ml.RigidBody(jnp.ones(3, dtype)), states)
+
+    values = np.array([0.4, np.nan, 0.6, 0.5, 0.5], dtype)
+    states = ml.MomentumState(jnp.tile(jnp.array([0.3, 0.0, 0.4], dtype), (5, 1)))
+    found = jax.vmap(residuals)(jnp.array([1.0, 2.0, 3.0], dtype))
+    assert found.dtype == dtype
+    wanted = 10 * (np.array([[0.5], [1.0], [1.5]]) - [0.4, 0, 0.6, 0.5, 0.5]) * [1, 0, 1, 1, 1]
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+# ---- bodies that travel: markers on a thrown body, and an accelerometer in it ----
+
+THROWN = {"drag": 0.08, "moments": np.array([1.0, 2.0, 2.5]), "speed": np.array([6.0, 0.0, 4.0])}
+POINTS = np.array([[0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.4]])
+FLIGHT = np.arange(0.0, 1.01, 0.05)
+
+
+def thrown(values):
+    body = ml.FreeBody(ml.RigidBody(values["moments"]), 3.0)
+    torque = ml.torques.UniformGravity(GRAVITY) + ml.torques.Drag([0.0, 0, 0], values["drag"], 1.2)
+    momentum = body.momentum(jnp.array([1.0, 2.0, 0.5]))
+    start = ml.FreeState(momentum, turn(0.5, -0.3, 0.8), 3.0 * values["speed"], jnp.zeros(3))
+    return body, torque, start
+
+
+NEAR = {
+    "moments": fitting.Moments([1.1, 1.9, 2.5], scale="fixed"),
+    "drag": fitting.Positive(0.05),
+    "speed": fitting.Free([5.8, 0.1, 4.2]),
+}
+
+
+@pytest.mark.sample(0)
+def test_drag_speed_and_moments_are_found():
+    body, torque, start = thrown({name: jnp.asarray(value) for name, value in THROWN.items()})
+    path = quick(lambda: ml.integrate("JACOBI[EA]", body, torque, start, dt=1 / 400, steps=400, save_every=20))()
+    frames = ml.so3.to_matrix(path.states.attitude)
+    seen = jnp.einsum("nij,mj->nmi", frames, jnp.asarray(POINTS)) + path.states.position[:, None]
+    found = ml.fit(thrown, NEAR, fitting.Positions(FLIGHT, seen, 1e-3, markers=POINTS), method="RK4", dt=1 / 50)
+    assert found.ok
+    for name, value in THROWN.items():
+        # Of the step of the fit, which is four times that of the truth.
+        np.testing.assert_allclose(np.asarray(found.values[name]), value, atol=4e-3, rtol=4e-3)
+
+
+def test_what_cannot_be_meant_is_refused():
+    values = np.zeros((len(FLIGHT), 3))
+    of_body = fitting.Positions(FLIGHT, values, 0.1, markers=[0.0, 0, 0], origin=[0.0, 0, 1])
+    twice, staying = (fitting.Accelerations(FLIGHT, values, 0.1, lever=LEVER, gravity=g) for g in (GRAVITY, None))
+
+    def stays(values):
+        body, _, start = thrown(values)
+        return body.body, None, start.turning
+
+    def pulled(values):
+        """By a force that may be gravity, or not."""
+        body, torque, start = thrown(values)
+        return body, lambda t, state: torque.on(body)(t, state), start
+
+    for model, seen, message in (
+        (thrown, of_body, "leave origin out"),
+        (thrown, twice, "leave gravity out"),
+        (stays, staying, "must have gravity="),
+        (pulled, staying, "must have gravity="),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ml.fit(model, NEAR, [seen], method="JACOBI[EA]", dt=1 / 100)
+
+
+class Harmonic(ml.torques.Torque):
+    """Gravity inside a homogeneous ball, as a field of the user's own that does not read the body."""
+
+    @property
+    def gravitational(self):
+        return True
+
+    def __call__(self, t, state):
+        return ml.torques.Wrench(jnp.zeros(3), -0.02 * MASS * state.position)
+
+
+MASS, MU, RADIUS, J2, POLE, FAR = 3.0, 40.0, 2.0, 0.1, np.array([0.6, 0.0, 0.8]), np.array([8.0, -6.0, 5.0])
+POINT, OBLATE = ml.torques.PointMass(MU), ml.torques.Oblateness(MU, RADIUS, J2, POLE)
+FIELDS = {
+    "own": (Harmonic(), lambda x: 0.01 * x @ x),
+    "sum": (POINT + (OBLATE + ml.torques.Drag([0.0, 0, 0], 0.3, 1.2)), lambda x: oblate(x) - MU / np.linalg.norm(x)),
+    "point mass without gradient": (ml.torques.PointMass(MU, gradient=False), lambda x: -MU / np.linalg.norm(x)),
+    "oblate without gradient": (
+        ml.torques.Oblateness(MU, RADIUS, J2, POLE, gradient=False) + ml.torques.UniformGravity(GRAVITY),
+        lambda x: oblate(x) - np.dot(GRAVITY, x),
+    ),
+    "solar tide": (
+        ml.asteroids.SolarTide(lambda t: jnp.asarray(FAR), MU),
+        lambda x: MU / 2 / np.linalg.norm(FAR) ** 3 * (x @ x - 3 * (FAR @ x) ** 2 / (FAR @ FAR)),
+    ),
+}
+BODIES = {
+    "moments": ml.RigidBody([1.0, 2.0, 2.5]),
+    "tensor": ml.TensorBody([[1.0, 0.1, 0.2], [0.1, 2.0, -0.1], [0.2, -0.1, 2.5]]),
+}
+
+
+def oblate(x):
+    r = np.linalg.norm(x)
+    return MU * J2 * RADIUS**2 / (2 * r**3) * (3 * (POLE @ x / r) ** 2 - 1)
+
+
+def slope(potential, x, h=2e-2):
+    """The field: minus the potential's derivative, by differences of sixth order."""
+    weights = ((1, 45), (2, -9), (3, 1))
+    sums = [sum(w * (potential(x - k * e) - potential(x + k * e)) for k, w in weights) for e in h * np.eye(3)]
+    return np.array(sums) / 60 / h
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize(("name", "kind"), list(zip(FIELDS, cycle(BODIES), strict=False)))
+def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
+    """R^T (a - g) + ..., where the field g at the instrument is that by differences of its potential there."""
+    torque, potential = FIELDS[name]
+    body, lever = ml.FreeBody(BODIES[kind], MASS), np.array([0.1, -0.05, 0.08])
+    state = ml.FreeState([0.3, -0.5, 0.4], turn(0.5, -0.3, 0.8), [1.0, 2.0, -1.0], [4.0, -3.0, 5.0])
+    seen = fitting.Accelerations([0.0], np.zeros((1, 3)), 1.0, lever=lever).of_run(torque)
+    found = quick(lambda s: seen.expected(jnp.zeros(()), s, body, {}))(state)
+
+    acting = ml.torques.Wrench.of(ml.torques.on_body(torque, body)(jnp.zeros(()), state))
+    rates = np.asarray(body.velocity(state.momentum))
+    change = np.asarray(body.velocity(jnp.cross(state.momentum, rates) + acting.torque))
+    frame = Rotation.from_quat(np.asarray(state.attitude), scalar_first=True)
+    gravity = slope(potential, np.asarray(state.position) + frame.apply(lever))
+    wanted = frame.inv().apply(np.asarray(acting.force) / MASS - gravity)
+    wanted = wanted + np.cross(change, lever) + np.cross(rates, np.cross(rates, lever))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=2e-9)
+
+
+def test_every_field_of_gravity_is_among_those_of_the_test():
+    """All that declare themselves as gravity; coupled bodies have no accelerometers."""
+    declared = {
+        name for name, cls in torque_classes().items() if cls.gravitational is not ml.torques.Torque.gravitational
+    }
+    tested = {type(term).__name__ for torque, _ in FIELDS.values() for term in ml.torques.terms_of(torque)}
+    assert declared - tested == {"Sum", "OnEach", "MutualGravity"}

@@ -27,7 +27,6 @@ def noisy(rng, values, size):
 
 
 def magnetic(rng, turns):
-    """The field in the body, with hard iron."""
     return noisy(rng, turns.inv().apply(FIELD) + IRON, 0.3)
 
 
@@ -45,7 +44,6 @@ def nothing_is_compiled(monkeypatch):
 
 
 def numbers(out, name):
-    """The estimates with this name."""
     return [float(x) for x in re.findall(rf"^{name}(?:\[\d\])? +(-?[\d.]\S*)", out, re.M)]
 
 
@@ -96,11 +94,7 @@ WRONG = [
     ("t_ms,x,y,z\n0,1,2,3\n1,1,2,3\n", [], "'t_ms' is in ms by its name; give --time-unit ms"),
     ("t,wx [deg/s],wy,wz\n0,1,2,3\n1,1,2,3\n", [], "is in deg/s by its name; give --unit deg/s"),
     ("t,x,y,z\n0,1,2,3\n10,1,2,3\n20,1,2,3\n", [], "rotates 5.96 times between rows; check the unit of time"),
-    (
-        "t,x,y,z\n0,1,2,3\n1,125,2,3998\n2,1,2,3\n3,1,2,3\n",
-        [],
-        "line 3: the rate is 4e+03, but usually 3.74; check",
-    ),
+    ("t,x,y,z\n0,1,2,3\n1,125,2,3998\n2,1,2,3\n3,1,2,3\n", [], "line 3: the rate is 4e+03, but usually 3.74; check"),
     (GOOD, ["--magnetometer", "x", "y", "z"], "give --sigma and --magnetometer-sigma"),
     (GOOD, ["--hard-iron"], "--hard-iron needs --magnetometer"),
     (DATED, ["--time-unit", "ms"], "--time-unit must be left out for dates"),
@@ -122,7 +116,6 @@ def test_one_line_says_what_is_wrong_with_a_file(tmp_path, nothing_is_compiled):
 
 
 def log(tmp_path, bias=0.0):
-    """A gyroscope with a bias, in 400 rows."""
     times, rng = np.arange(0.0, 20.01, 0.05), np.random.default_rng(1)
     rates = noisy(rng, states_at(times)[0] + bias * np.array([1.0, -0.8, 0.6]), 0.01)
     return save(tmp_path / "log.csv", "t,wx,wy,wz", [times, *rates.T])
@@ -224,17 +217,14 @@ def other(options, file, old, new):
 
 
 def test_a_record_with_a_flight_of_less_than_a_revolution_is_named(tmp_path, nothing_is_compiled):
-    """A phone at rest in the hand, a free flight from t = 1000 to 1990 ms, and the catch."""
-    rates, _ = tumbled(np.array([1.0, 2.0, 2.5]), [4.5, 0.5, 1.5], np.arange(0.0, 1.0, 0.01))
-    begin = np.linspace(0, 1, 100)[:, None]
-    rates = np.concatenate([begin**6 * rates[0], rates, (1 - begin) ** 2 * rates[-1] * [1.0, -0.5, 0.3]])
-    rates = noisy(np.random.default_rng(0), rates, 0.01)
-    file = save(tmp_path / "phone.csv", "t,wx,wy,wz", [10.0 * np.arange(300), *rates.T])
+    """A phone in the hand, a free flight of one second, and the catch."""
+    times, rates, first, last = recorded(rate=(4.5, 0.5, 1.5), flight=1.0)
+    file = save(tmp_path / "phone.csv", "t,wx,wy,wz", [1000 * times, *rates.T])
     code, _, err = midlie("fit", file, "--unit", "rad/s", "--time-unit", "ms", "--bias")
     assert code == 2
     assert "the file holds more than a free flight" in err
     begin, end = (float(x) for x in re.search(r"--from (\S+) --to (\S+)\.", err).groups())
-    assert 700 < begin < 1000 < 1990 < end < 2500
+    assert 1000 * first - 300 < begin < 1000 * first + 100 < 1000 * last - 100 < end < 1000 * last + 500
 
 
 def recorded(seed=0, rate=(2.0, 7.0, 1.0), hz=100, noise=1.0, still=0.0, held=3.0, flight=1.2, flights=1, off=0.0):
@@ -281,10 +271,6 @@ def test_the_flight_in_a_record_is_found(given):
         assert "flights" in given or free_flight(times[held], rates[held]) is None
 
 
-def dated(times, zone):
-    return [f"{np.datetime64('2026-03-28T23:59:58') + np.timedelta64(round(1e9 * t), 'ns')}{zone}" for t in times]
-
-
 def three_instruments(tmp_path, order=(0, 1, 2, 3), sign=1.0):
     """With a star tracker on every tenth row, gaps of each instrument, dates, and semicolons."""
     times, rng = np.arange(0.0, 20.01, 0.05), np.random.default_rng(3)
@@ -293,7 +279,8 @@ def three_instruments(tmp_path, order=(0, 1, 2, 3), sign=1.0):
     seen = turns * Rotation.from_rotvec(1e-3 * rng.standard_normal(rates.shape))
     quaternions = (seen if sign > 0 else seen.inv()).as_quat(scalar_first=True)[:, list(order)]
     quaternions[np.arange(len(times)) % 10 != 2], rates[100:160], field[200:300] = np.nan, np.nan, np.nan
-    columns = [dated(times, "Z"), *rates.T, *field.T, *quaternions.T]
+    dates = [f"{np.datetime64('2026-03-28T23:59:58') + np.timedelta64(round(1e9 * t), 'ns')}Z" for t in times]
+    columns = [dates, *rates.T, *field.T, *quaternions.T]
     return save(tmp_path / "craft.csv", "time,wx,wy,wz,mx,my,mz,a,b,c,d", columns, ";")
 
 

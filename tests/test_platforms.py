@@ -17,12 +17,8 @@ PLATFORMS = ["cpu", "cuda", "rocm", "tpu"]
 MANY_OPERANDS = r"stablehlo\.reduce\(%\S+ init: %\S+\), \("
 DIFFERENT = ["SYMMETRIC[EA]", "GBS10"]  # in the steps of a turn, its stages and its cuts
 SETUPS = rows(setup(), setup(weight=-1.0))
-START = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
-
-
-def top(name, start):
-    body, torque = ml.RigidBody(jnp.array([1.0, 2.0, 2.5])), ml.torques.HeavyTop(2.0)
-    return ml.integrate(name, body, torque, start, dt=0.02, steps=4, save_every=4)
+BODY = ml.RigidBody([1.0, 2.0, 2.5])
+START = ml.RigidState([1.0, 0.8, -1.3], [1.0, 0.0, 0.0, 0.0])
 
 
 @pytest.fixture
@@ -47,7 +43,9 @@ def test_outputs_leave_a_step_through_a_reduction_on_cpus_alone(name):
 @pytest.mark.sample(0)
 def test_long_steps_are_cut_on_a_gpu_and_short_ones_are_not(on_gpu):
     for name, cuts in (("GBS12", True), ("DOP853", False), ("JACOBI[EA]", False)):
-        text = jax.jit(partial(top, name)).trace(START).lower(lowering_platforms=("cuda",)).as_text()
+        run = {"dt": 0.02, "steps": 4, "save_every": 4}
+        traced = jax.jit(partial(ml.integrate, name, BODY, ml.torques.HeavyTop(2.0), **run)).trace(START)
+        text = traced.lower(lowering_platforms=("cuda",)).as_text()
         assert ("optimization_barrier" in text) == cuts
 
 

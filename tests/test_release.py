@@ -19,11 +19,9 @@ ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 VERSION = PROJECT["version"]
 INFO = f"midlie_jax-{VERSION}.dist-info/"
-TESTED = "plot", "progress", "io", "cli", "molecules", "test"  # the extras that `make test-lowest` installs
 
 
 def build(source: Path, folder: Path, kind: str) -> Path:
-    """Builds the "wheel" or "sdist" of the sources into a folder; returns the file."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(folder)]
     done = subprocess.run(command, cwd=source, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -32,7 +30,6 @@ def build(source: Path, folder: Path, kind: str) -> Path:
 
 
 def unpacked(sdist: Path, folder: Path) -> Path:
-    """The root of the unpacked sources."""
     with tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
     (root,) = folder.iterdir()
@@ -83,15 +80,6 @@ def test_the_version_is_that_of_pyproject_everywhere(capsys):
     assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text()
     headings = re.findall(r"^## \[(.*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert next(heading for heading in headings if heading != "Unreleased") == VERSION
-
-
-def test_every_dependency_has_a_least_version():
-    """Of the package, and of the extras that `make test-lowest` installs at these versions."""
-    extras = PROJECT["optional-dependencies"]
-    lines = [*PROJECT["dependencies"], *(line for extra in TESTED for line in extras[extra])]
-    others = [line for line in lines if not line.startswith("midlie_jax[")]
-    assert [line for line in others if ">=" not in line] == []
-    assert len(others) > 15
 
 
 def test_a_shell_completes_options():

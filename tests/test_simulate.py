@@ -30,7 +30,6 @@ SAVES = 1 + STEPS // EVERY
 
 
 def contents(path):
-    """All that a run wrote for its reader."""
     root = zarr.open_group(path, mode="r")
     places = [root, *(group for name, group in root.groups() if name == "parts")]
     return {array.path: np.asarray(array[...]) for place in places for _, array in place.arrays()}
@@ -45,7 +44,6 @@ def assert_same(path, expected):
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    """The contents of a run that was never stopped."""
     path = tmp_path_factory.mktemp("reference") / "run.zarr"
     simulated(path)
     return contents(path)
@@ -123,16 +121,18 @@ class CrashError(Exception):
     """As if the process ended here."""
 
 
-def crash_at(monkeypatch, instant, error):
-    """Raises in place of the write to the store with this number."""
-    count = [0]
+def crash_at(monkeypatch, instant):
+    """Raises in place of the write to the store with this number, in the middle of it if it is a checkpoint."""
+    count, savez = [0], np.savez
 
     def counted(write):
-        def called(*arguments, **named):
+        def called(target, *arguments, **named):
             count[0] += 1
             if count[0] == instant:
-                raise error
-            return write(*arguments, **named)
+                if write is savez:
+                    target.write(b"PK" * 500)
+                raise CrashError
+            return write(target, *arguments, **named)
 
         return called
 
@@ -147,15 +147,18 @@ WRITES = 16 * 4  # in the 16 parts: two variables, first_bad, and the checkpoint
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("nth", range(2))
 def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatch, reference, nth):
-    """Also if the resumed run is stopped again."""
     path, instants = tmp_path / "run.zarr", random.Random(nth)
-    for instant in (CREATED + instants.randrange(1, WRITES + 1), instants.randrange(1, 20)):
+    first = 4 * instants.randrange(1, 17) if nth else instants.randrange(1, WRITES + 1)  # the fourth is a checkpoint
+    for instant in (CREATED + first, instants.randrange(1, 20)):
         with monkeypatch.context() as patch, contextlib.suppress(CrashError):
-            crash_at(patch, instant, CrashError())
+            crash_at(patch, instant)
             simulated(path, resume=True)
             assert instant < 20  # the second time there may not be so much left to write
+        assert ml.simulation.inspect(path).damaged == ()
     simulated(path, resume=True)
     assert_same(path, reference)
+    left = {file.name for file in (path / "checkpoint").iterdir()}
+    assert left == {"zarr.json", *(f"{group}.npz" for group in range(4))}
     assert simulated(path, resume=True).computed == 0
 
 

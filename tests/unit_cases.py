@@ -191,26 +191,31 @@ TORQUES = {
     "CubicAnisotropy": on(lambda u: ml.spins.CubicAnisotropy(u(0.7, FIELD)), chain),
     "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION))),
 }
-# Made of functions alone, whose numbers are the user's, and base classes.
-WITHOUT_UNITS = {
-    *("BodyTorque", "FromPotential", "Prescribed", "VelocityDependent", "Torque", "SpinField", "OwnField", "Orbit")
-}
 
 
 def _wheels(momentum: Any, time: Any, t: Any) -> Any:
     return momentum * (1 + t / time)
 
 
+def dimensions(case: Case, count: int) -> list[Any]:
+    if case.found == WRENCH:
+        return [TORQUE, FORCE]
+
+    def one(x: Any) -> bool:
+        return x is None or (isinstance(x, tuple) and len(x) == 3 and all(isinstance(power, int) for power in x))
+
+    leaves = jax.tree.leaves(case.found, is_leaf=one)
+    return leaves * count if len(leaves) == 1 else leaves
+
+
 # ---- orbits, densities, functions of bodies and states ----
 
 
 def at(make: Callable[[Units], Any], found: Any = NUMBER) -> Case:
-    """An orbit or a field at a time."""
     return Case(lambda u: (make(u), u(0.75, TIME)), lambda orbit, t: orbit(t), found)
 
 
 def seen(make: Callable[[Units], Any], found: Any = NUMBER) -> Case:
-    """A function of time and state."""
     return Case(lambda u: (make(u), turning(u), u(0.75, TIME)), lambda f, state, t: f(t, state), found)
 
 
@@ -253,10 +258,6 @@ def box_light(u: Units) -> Any:
 
 def observed(observable: Any) -> Callable[..., Any]:
     return lambda torque, body, state, t: ml.observe.as_observable("observe", observable).of(t, state, body, torque)
-
-
-def box_of_two(u: Units) -> tuple[Any, ...]:
-    return pair_forces(u), *pair(u), u(0.75, TIME)
 
 
 def scene(u: Units) -> tuple[Any, ...]:
@@ -336,9 +337,11 @@ FUNCTIONS = {
         lambda u: ml.asteroids.EllipsoidBrightness(u(*SIDES), u([1.0, 0, 0]), u([0.0, 1, 0])), AREA
     ),
     "Brightness": seen(box_light, AREA),
-    "Pressure": of(observed(ml.molecules.Pressure()), (-1, 1, -2), after=box_of_two),
+    "Pressure": of(
+        observed(ml.molecules.Pressure()), (-1, 1, -2), after=lambda u: (pair_forces(u), *pair(u), u(0.75, TIME))
+    ),
     "EulerAngles in a run": of(observed(ml.observe.EulerAngles("ZXZ")), NUMBER, after=scene),
     "position in a run": of(observed(ml.observe.position), LENGTH, after=scene),
     "linear_velocity in a run": of(observed(ml.observe.linear_velocity), SPEED, after=scene),
 }
-CASES = TORQUES | ORBITS | DENSITIES | FUNCTIONS
+CASES = ORBITS | TORQUES | DENSITIES | FUNCTIONS
