@@ -44,7 +44,6 @@ def torque_classes():
 
 
 def way(method):
-    """How a method takes a step."""
     if isinstance(method, RungeKutta):
         return type(method.formula), method.projects
     if not isinstance(method, Splitting):
@@ -109,7 +108,6 @@ QUICK = on_cpus(
 
 
 def quick(function):
-    """Compiled in a hurry."""
     return jax.jit(function, compiler_options=QUICK)
 
 
@@ -262,7 +260,6 @@ def numbers(path):
 
 
 def run(name: str, dtype: str, s: Setup, **options) -> ml.Path:
-    """All rows at once."""
     count = len(s.dt)
     padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], ROWS - count, axis=0)]), s)
     return jax.tree.map(lambda x: np.asarray(x)[:count], compiled(name, **options)(cast(padded, dtype)))
@@ -279,7 +276,6 @@ def at(states, *index):
 
 
 def continued(s: Setup, path: ml.Path, **changes) -> Setup:
-    """The rows, starting where the path ended."""
     momentum, attitude = at(path.states, slice(None), -1)
     return s._replace(momentum=momentum.astype(np.float64), attitude=attitude.astype(np.float64), **changes)
 
@@ -328,7 +324,6 @@ def epsilon(dtype: str) -> float:
 
 
 def worst(found, expected) -> float:
-    """The largest difference."""
     return float(np.max(np.abs(np.asarray(found) - np.asarray(expected))))
 
 

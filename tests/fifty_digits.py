@@ -28,7 +28,6 @@ def in_fifty_digits(function: Callable[..., Any], *arguments: Any) -> Callable[.
 
 
 def exact(array: Any) -> Any:
-    """A float or an array of floats in fifty digits."""
     return _elementwise(_number)(np.array(array)) if np.ndim(array) else _number(array)
 
 

@@ -18,7 +18,8 @@ from jax.sharding import PartitionSpec as P
 
 jax.config.update("jax_enable_x64", True)
 
-from on_devices import COMMUNICATION, QUICK, in_loops  # noqa: E402
+from cases import QUICK, loop_bodies  # noqa: E402
+from on_devices import COMMUNICATION  # noqa: E402
 from simulated import ATTITUDES, MOMENTA, MOMENTS, WEIGHTS  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
@@ -51,7 +52,7 @@ def compared(function):
     alone, four = (jax.tree.leaves(function(mesh=mesh(size))) for size in (1, 4))
     same = all(np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(four, alone, strict=True))
     text = jax.jit(lambda: function(mesh=mesh(4)), compiler_options=QUICK).lower().compile().as_text()
-    return {"same": same, "messages in loops": len(re.findall(COMMUNICATION, in_loops(text)))}
+    return {"same": same, "messages in loops": len(re.findall(COMMUNICATION, "\n".join(loop_bodies(text))))}
 
 
 def explicit():

@@ -47,7 +47,6 @@ def closure(weight):
 
 
 def damping(weight):
-    """A torque that reads the body."""
     return ml.torques.BodyTorque(lambda t, state, body: -weight * body.velocity(state.momentum))
 
 
@@ -139,7 +138,6 @@ def typed_by_the_mesh():
 
 
 def main(names):
-    """The checks of these names."""
     results, checks = {}, {**{n: partial(compared, *c) for n, c in CHECKS.items()}, "typed": typed_by_the_mesh}
     for name, check in ((name, checks[name]) for name in names):
         try:

@@ -1,13 +1,15 @@
 """Scenes for the laws of execution paths: one for each registered method, state, torque and heat bath."""
 
 import inspect
+from functools import partial
 from typing import Any, NamedTuple
 
+import cases
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import torque_classes, turn
+from cases import turn
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
@@ -127,41 +129,26 @@ STATES: dict[str, tuple[Any, Any]] = {
     "lattice": (ml.spins.Spins(damping=0.2, sublattices=ml.spins.checkerboard((2, 4))), spins_on(2, 4)),
 }
 
-
-def swing(t: Any, state: Any) -> Any:
-    """A torque that changes with time, written on arrays."""
-    pull = jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
-    lever = jnp.array([0.3, -0.5, 0.4], pull.dtype)
-    return jnp.cross(lever, ml.so3.to_matrix(state.attitude).T @ pull)
-
-
-def _third_axes(state: Any) -> Any:
-    if hasattr(state, "direction"):
-        return state.direction
-    return state.axis if hasattr(state, "axis") else ml.so3.to_matrix(state.attitude)[..., 2]
+swing = partial(cases.swing, 1.0)
 
 
 def pull(t: Any, state: Any) -> Any:
     """The potential of a field that changes with time on each third axis, springs, and neighbours."""
-    axes = _third_axes(state)
+    axes = getattr(state, "direction", getattr(state, "axis", None))
+    axes = ml.so3.to_matrix(state.attitude)[..., 2] if axes is None else axes
     value = 0.4 * jnp.sum(jnp.atleast_2d(axes)[:, 2]) * jnp.cos(2 * t)
     if axes.ndim == 2:
         value = value + 0.3 * jnp.sum(jnp.sum(axes, 0) ** 2)
     return value + 0.2 * jnp.sum(state.position**2) if hasattr(state, "position") else value
 
 
-def spring(t: Any, state: Any) -> Any:
-    return -(2 + jnp.sin(t)) * state.position
-
-
 def torque_for(state: str) -> Any:
-    """The torque on a kind of state in the scenes of methods and states."""
     if state in ("spins", "lattice"):
         return ml.spins.Exchange(0.4) + ml.spins.AppliedField([0.1, 0.2, 0.7])
     if state == "momentum":
         return torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), t, 0.3 * jnp.ones_like(t)]))
     if state == "particles":
-        return spring
+        return lambda t, state: -(2 + jnp.sin(t)) * state.position
     if state in ("rigid", "tensor", "top", "compensated"):  # torques on arrays, in a sum
         return torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) + swing
     return torques.FromPotential(pull)
@@ -353,14 +340,12 @@ SYMMETRIC = {"top", "free top", "axis", "free axis", "two axes", "five axes", "t
 
 
 def default_method(state: str, scheme: str = "EA") -> str:
-    """A fast method for a kind of state."""
     if state in DEFAULT:
         return DEFAULT[state].replace("EA", scheme)
     return f"{'SYMMETRIC' if state in SYMMETRIC else 'JACOBI'}[{scheme}]"
 
 
 def _state_of(method: Any) -> str:
-    """The kind of state of the scene of a registered method."""
     bodies = getattr(method, "bodies", ml.RigidBody)
     if issubclass(bodies, ml.spins.Spins):
         return "lattice" if method.random else "spins"
@@ -451,16 +436,11 @@ STILL = [
 
 
 def classes_in(torque: Any) -> set[str]:
-    """The names of the classes of a torque and of those inside it."""
     names = {kind.__name__ for kind in type(torque).__mro__}
     for value in vars(torque).values() if isinstance(torque, torques.Torque) else ():
         for one in value if isinstance(value, tuple) else (value,):
             names |= classes_in(one)
     return names
-
-
-def public_torques() -> set[str]:
-    return {*torque_classes()}
 
 
 def public_states() -> set[str]:

@@ -22,7 +22,6 @@ def beating(weight, t, state):
 
 
 def lively(strength, t, state):
-    """A density of time, momentum and pose."""
     return jnp.exp(strength * (jnp.sin(2 * t) + jnp.sum(state.momentum**2) / 4 + 2 * state.vertical()[0]))
 
 
@@ -129,13 +128,10 @@ def test_an_even_density_is_integrate():
 
 
 def pull(t, state):
-    """Gravity of a point."""
-    del t
     return -state.position / jnp.sum(state.position**2) ** 1.5
 
 
 def by_distance(t, state):
-    del t
     return jnp.sum(state.position**2) ** -0.75
 
 
@@ -217,7 +213,6 @@ def test_float32_time_is_not_lost():
 
 
 def falling(factors, t, state):
-    del state
     return factors[0] - factors[1] * t + jnp.sign(factors[2]) * jnp.exp(-factors[2] * t)
 
 
@@ -239,7 +234,6 @@ def test_failures_show_in_ok():
 
 def jumping(height, t, state):
     """1, and after half a unit of time more or less; its derivative tells nothing of the jump."""
-    del state
     return jnp.where(t > 0.5, height, 1.0)
 
 

@@ -37,7 +37,6 @@ COUNTED = [m.name for m in METHODS if not isinstance(m, Splitting) or not m.flig
 
 
 def written_on_arrays(t, state):
-    del t
     down = ml.so3.to_matrix(state.attitude)[2]
     return 20 * jnp.cross(down, jnp.eye(3, dtype=down.dtype) @ jnp.array([0, 0, 1], down.dtype))
 

@@ -19,12 +19,6 @@ WIDE = {"xla_cpu_prefer_vector_width": 512}
 VECTORISED = {"xla_disable_hlo_passes": "small-while-loop-hoisting"}
 
 
-@pytest.fixture
-def options(monkeypatch):
-    """Sets the function of the number of bodies that gives the options."""
-    return partial(monkeypatch.setattr, compiler, "compiler_options")
-
-
 def end(spin, steps=3):
     body, torque = ml.RigidBody(jnp.array([1.0, 2.0, 2.5])), ml.torques.HeavyTop(2.0)
     start = ml.RigidState(spin * jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
@@ -58,10 +52,10 @@ def test_options_are_given_where_they_help_and_no_flag_says_otherwise(
 
 
 @pytest.mark.sample(0)
-def test_the_options_reach_every_program_that_runs_at_once_and_no_other(options):
+def test_the_options_reach_every_program_that_runs_at_once_and_no_other(monkeypatch):
     """An option that no compiler knows makes every program fail to which it is given."""
     spins = jnp.array([1.0, 1.1])
-    options(lambda bodies: {"no_such_option": 1})
+    monkeypatch.setattr(compiler, "compiler_options", lambda bodies: {"no_such_option": 1})
     states = ml.RigidState(jnp.ones((2, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (2, 1)))
     for run in (
         lambda: end(1.0),
@@ -122,7 +116,6 @@ STATE = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0
 
 
 def counting(count, t, state):
-    """A torque that counts how often it is called."""
     count.append(None)
     return ml.torques.HeavyTop(2.0)(t, state)
 
@@ -178,7 +171,6 @@ def test_a_second_call_with_as_many_steps_traces_nothing(driver):
 
 
 def test_numbers_are_looked_at_in_every_call():
-    """Only what depends on structure is remembered."""
     run = partial(ml.integrate, "SYMMETRIC[EA]", torque=None, dt=0.01, steps=3)
     assert run(body=ml.RigidBody([5.0, 5.0, 1.0]), start=STATE).ok
     assert run(body=ml.RigidBody([5.0, 1.0, 5.0]), start=STATE).ok  # the flight is fitted anew

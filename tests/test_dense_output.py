@@ -151,7 +151,6 @@ def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
 
 def north(t, y, args, **kwargs):
     """Where the axis of the top stands over the plane x = 0."""
-    del t, args, kwargs
     return ml.so3.to_matrix(y.attitude)[0, 2]
 
 

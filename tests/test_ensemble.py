@@ -15,8 +15,6 @@ MOMENTS = 2 + RNG.uniform(size=(COUNT, 3))
 WEIGHTS = RNG.uniform(1, 3, size=COUNT)
 DTS = RNG.uniform(0.01, 0.03, size=COUNT)
 T0S = RNG.uniform(0, 1, size=COUNT)
-
-
 START = ml.RigidState(RNG.normal(size=(COUNT, 3)), ml.so3.exp(jnp.asarray(RNG.normal(size=(COUNT, 3)))))
 
 
@@ -61,7 +59,6 @@ BODY = ml.RigidBody(jnp.asarray(MOMENTS[0]))
 
 def pulled(strengths, table, t, state):
     """One strength a body, and a table that all share."""
-    del t
     return strengths * table[3] * ml.so3.rotate(ml.so3.conjugate(state.attitude), jnp.array([0.0, 1.0, 0.0]))
 
 

@@ -40,17 +40,12 @@ def bodies():
     return moments, np.concatenate([[p for _, p in SPECIAL.values()], rng.normal(size=(15, 3))])
 
 
-def fastest(moments, momentum):
-    """The bound of the angular velocity."""
-    return np.sqrt(np.sum(momentum**2 / moments, axis=-1) / moments.min(axis=-1))
-
-
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_it_is_the_closed_form(dtype):
     """To 8 eps (1 + Omega |t|), times what a long body magnifies; the sign of the quaternion follows the motion."""
     moments, momentum = (x.astype(dtype) for x in bodies())
-    omega = fastest(moments, momentum)
+    omega = np.sqrt(np.sum(momentum**2 / moments, axis=-1) / moments.min(axis=-1))  # the bound of the angular velocity
     times = (2 * np.pi * TURNS / np.where(omega == 0, 1, omega)[:, None]).astype(dtype)
 
     def run(moments, momentum, times):

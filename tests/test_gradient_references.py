@@ -38,7 +38,6 @@ DIFFERENCE = gmpy2.mpfr("1e-25")
 
 
 def run_of(name):
-    """The steps of the run, and how often it is saved."""
     method = ml.method(name)
     flights = sum(kind == schemes.FLIGHT for kind, _ in method.scheme.stages) if isinstance(method, Splitting) else 1
     # Divisible by the hundred steps between the states that an adjoint keeps.
@@ -109,7 +108,6 @@ LEFT = [(name, adjoint) for name in NAMES for adjoint in ADJOINTS if (name, adjo
 
 
 def slopes(name, adjoint, given, **run):
-    """The derivatives of the loss along `directions`."""
     own = partial(loss, name, adjoint=adjoint, **run)
     moves = [jnp.asarray(m, x.dtype) for m, x in zip(directions(), given, strict=True)]
     if isinstance(adjoint, ml.adjoints.Forward):
@@ -238,16 +236,11 @@ def test_the_steps_between_two_kept_states_divide_those_between_two_saved_ones()
         assert derivatives._every(save_every, 1024, 10) == 1
 
 
-def damping(t, state):
-    del t
-    return -0.1 * state.momentum
-
-
 @pytest.mark.parametrize(
     ("method", "torque", "adjoint", "message"),
     [
         ("RK4", None, ml.adjoints.Reversible(), "RK4 is not one"),
-        ("JACOBI[EA]", damping, ml.adjoints.Reversible(), "does not read the momentum"),
+        ("JACOBI[EA]", lambda t, state: -state.momentum, ml.adjoints.Reversible(), "does not read the momentum"),
         ("JACOBI[EA]", None, ml.adjoints.Reversible(every=5), r"save_every \(16\) must be divisible by every \(5\)"),
         ("JACOBI[EA]", None, ml.adjoints.Checkpointed(every=3), r"save_every \(16\) must be divisible by every \(3\)"),
     ],

@@ -1,6 +1,5 @@
 """Each kind of bad input: a ValueError whose message names it, or inside jit a flag and never an exception."""
 
-import re
 from inspect import unwrap
 
 import jax
@@ -8,7 +7,7 @@ import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
-from cases import CLASSES, each, rows, run, setup
+from cases import CLASSES, each, refused, rows, run, setup
 
 import midlie_jax as ml
 from midlie_jax.drivers.clock import time_of
@@ -30,24 +29,12 @@ def go(method="LIEMID[EA]", body=BODY, torque=None, start=START, dt=0.1, steps=2
     return unwrap(ml.integrate)(method, body, torque, start, dt=dt, steps=steps, **options)
 
 
-def at_rest(shape):
-    return ml.ParticleState(jnp.zeros(shape), jnp.ones(shape))
-
-
-def flying(mass, shape, run=ml.integrate):
-    return unwrap(run)("Verlet", ml.Particles(mass), None, at_rest(shape), dt=0.1, steps=2)
+def flying(mass, shape):
+    return go("Verlet", ml.Particles(mass), None, ml.ParticleState(jnp.zeros(shape), jnp.ones(shape)))
 
 
 def returns(value):
     return lambda t, state: value
-
-
-def shapes(kind, **fields):
-    """A value that cannot be built with the class's own checks, such as one made by `jax.tree.map`."""
-    made = object.__new__(kind)
-    for name, value in fields.items():
-        object.__setattr__(made, name, value)
-    return made
 
 
 BAD = {
@@ -62,9 +49,7 @@ BAD = {
     "moments must be float32 or float64, got bool": lambda: ml.RigidBody([True, True, True]),
     "float16; cast it": lambda: ml.RigidBody(jnp.ones(3, jnp.float16)),
     "moments must be between.*units": lambda: ml.RigidBody(jnp.full(3, 1e300)),
-    "full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor": lambda: ml.RigidBody(
-        jnp.diag(jnp.array([1.0, 2.0, 2.5])).at[0, 1].set(-0.1)
-    ),
+    "full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor": lambda: ml.RigidBody(jnp.eye(3) - 0.1),
     r"tensor must have shape \(3, 3\)": lambda: ml.RigidBody.from_tensor(jnp.ones((3, 2))),
     "tensor must be symmetric.*J.T": lambda: ml.RigidBody.from_tensor(jnp.eye(3).at[0, 1].set(0.5)),
     # particles
@@ -156,9 +141,7 @@ BAD = {
     "axis must be a unit vector": lambda: ml.torques.HeavyTop(1.0, (0.0, 0.0, 2.0)),
     "dt must be finite and not zero, got 0": lambda: go(dt=0),
     "dt must not be zero in float32, got 1e-60; take other units, or use float64": lambda: go(
-        body=ml.RigidBody(BODY.moments.astype(jnp.float32)),
-        start=jax.tree.map(lambda x: x.astype(jnp.float32), START),
-        dt=1e-60,
+        body=SINGLE, start=SLOW, dt=1e-60
     ),
     "dt must be finite": lambda: go(dt=NAN),
     "steps must be a positive Python int, got 0": lambda: go(steps=0),
@@ -168,23 +151,13 @@ BAD = {
     "first_step must be an integer, got 0.5": lambda: go(first_step=0.5),
     r"first_step must be one integer, got float64": lambda: go(first_step=jnp.array(2.7)),
     "count beyond 2147483647.*first_step 0": lambda: go(first_step=2**31 - 2, steps=2),
-    "all of start must have one dtype": lambda: go(
-        start=ml.RigidState(START.momentum, START.attitude.astype(jnp.float32))
-    ),
-    "body is float32 but start.momentum is float64; cast one.*astype": lambda: go(
-        body=ml.RigidBody(BODY.moments.astype(jnp.float32))
-    ),
-    "torque is float32 but start.momentum is float64": lambda: go(
-        torque=ml.torques.HeavyTop(jnp.array(1.0, jnp.float32))
-    ),
-    "torque must be finite": lambda: go(torque=shapes(ml.torques.HeavyTop, mgl=jnp.array(NAN), axis=(0.0, 0.0, 1.0))),
+    "all of start must have one dtype": lambda: go(start=ml.RigidState(START.momentum, SLOW.attitude)),
+    "body is float32 but start.momentum is float64; cast one.*astype": lambda: go(body=SINGLE),
+    "torque is float32 but start.momentum is float64": lambda: go(torque=ml.torques.HeavyTop(jnp.float32(1.0))),
+    "torque must be finite": lambda: go(torque=jax.tree.map(lambda x: NAN * x, ml.torques.HeavyTop(jnp.ones(())))),
 }
 
-
-@pytest.mark.parametrize("message", BAD)
-def test_is_named(message):
-    with pytest.raises(ValueError, match=re.compile(message, re.DOTALL)):
-        BAD[message]()
+test_is_named = refused(*((call, message) for message, call in BAD.items()))
 
 
 def test_what_is_good_passes():

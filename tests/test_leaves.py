@@ -85,14 +85,12 @@ def layers(width, out=3):
     return eqx.nn.MLP(4, out, width, depth=2, activation=jnp.tanh, key=jax.random.key(0))
 
 
-def potential(net, t, state):
-    return net(state.attitude)[0]
-
-
 TORQUES = {
     "network": lambda width: Network(layers(width)),
     "hybrid": lambda width: Hybrid(layers(width)),
-    "potential": lambda width: ml.torques.FromPotential(jax.tree_util.Partial(potential, layers(width, 1))),
+    "potential": lambda width: ml.torques.FromPotential(
+        jax.tree_util.Partial(lambda net, t, s: net(s.attitude)[0], layers(width, 1))
+    ),
 }
 
 
@@ -128,20 +126,16 @@ def test_a_long_formula_stays_on_scalars(name):
 
 
 def run(torque, start, adjoint=None):
-    run = {"dt": DT, "steps": STEPS, "save_every": STEPS, "adjoint": adjoint}
+    run = {"dt": DT, "steps": STEPS, "save_every": None, "adjoint": adjoint}
     return ml.integrate("SYMMETRIC[EA]", ROUND, torque, start, **run).states
-
-
-def last(states):
-    return jax.tree.map(lambda x: x[-1], states)
 
 
 @pytest.mark.sample(0)
 def test_a_run_under_a_network_may_be_mapped():
     torque = TORQUES["network"](8)
-    mapped = quick(jax.vmap(lambda start: last(run(torque, start))))(starts())
+    mapped = quick(jax.vmap(lambda start: run(torque, start)))(starts())
     many = ml.ensemble("SYMMETRIC[EA]", ROUND, torque, starts(), dt=DT, steps=STEPS, torque_axes=None).states
-    solo = last(quick(partial(run, torque))(jax.tree.map(lambda x: x[0], starts())))
+    solo = quick(partial(run, torque))(jax.tree.map(lambda x: x[0], starts()))
     for alone, row, member in zip(*map(jax.tree.leaves, (solo, mapped, many)), strict=True):
         np.testing.assert_allclose(row[0], alone, atol=1e-14)
         np.testing.assert_allclose(member, row, atol=1e-14)
@@ -153,7 +147,7 @@ def test_each_mode_has_the_gradient_of_a_network():
     start = jax.tree.map(lambda x: x[0], starts())
 
     def loss(arrays, adjoint):
-        return jnp.sum(jnp.sin(last(run(eqx.combine(arrays, rest), start, adjoint)).momentum))
+        return jnp.sum(jnp.sin(run(eqx.combine(arrays, rest), start, adjoint).momentum))
 
     direction = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=x.dtype)).reshape(x.shape), arrays)
     value = quick(partial(loss, adjoint=ml.adjoints.Forward()))

@@ -122,16 +122,11 @@ def test_increments_are_added_and_found_again():
 
 
 def test_wrong_forces_are_refused_with_what_is_wanted():
-    def several(t, state):
-        return jnp.zeros(3), jnp.zeros(3)
-
-    def short(t, state):
-        return Momenta(jnp.zeros(3), jnp.zeros(2))
-
     travel, run = ml.method(Travel(), "EA"), {"dt": 0.01, "steps": 1}
+    several = jnp.zeros(3), jnp.zeros(3)
     for method, body, torque, message in (
-        (travel, BODY, several, "must return a midlie_jax.torques.Wrench"),
-        (travel, BODY, short, r"must return float64\[3\].*got float64\[2\]"),
+        (travel, BODY, lambda t, s: several, "must return a midlie_jax.torques.Wrench"),
+        (travel, BODY, lambda t, s: Momenta(jnp.zeros(3), jnp.zeros(2)), r"must return float64\[3\].*got float64\[2\]"),
         (travel, ml.RigidBody(BODY.moments), None, "belongs to a Traveller"),
         ("JACOBI[EA]", BODY, None, "moves RigidBody, but body is Traveller"),
     ):

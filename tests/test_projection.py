@@ -50,14 +50,10 @@ CASES = {
 }
 
 
-def cast(case, dtype):
-    arrays = CASES[case][:3]
-    return jax.tree.map(lambda x: jnp.asarray(x, dtype) if isinstance(x, jax.Array) else x, arrays)
-
-
 @cache
 def path(name, case, dtype="float64", steps=STEPS, dt=DT, save_every=10):
-    body, torque, start = cast(case, dtype)
+    parts = jax.tree.map(lambda x: jnp.asarray(x, dtype) if isinstance(x, jax.Array) else x, CASES[case][:3])
+    body, torque, start = parts
     run = real(lambda start: ml.integrate(name, body, torque, start, dt=dt, steps=steps, save_every=save_every))
     return numbers(run(start))
 

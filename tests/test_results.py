@@ -82,11 +82,7 @@ MADE = {
     "particles": (ml.Particles, MASS, [[1.0, 2]], [[1.0, -2]]),
     "mass matrix": (ml.Particles, MASS, [[[1, 0.5], [0.5, 1.0]]], [[[1, 2], [2, 1.0]]]),
 }
-
-
-def mover(start):
-    name = type(start).__name__
-    return "Verlet" if name == "ParticleState" else "SYMMETRIC[EA]" if name == "AxisState" else "JACOBI[EA]"
+MOVER = {"rotor": "SYMMETRIC[EA]", "particles": "Verlet", "mass matrix": "Verlet"}
 
 
 @pytest.mark.sample(1)
@@ -99,7 +95,7 @@ def test_a_body_that_cannot_be_is_found_under_a_trace(kind, dtype):
 
     def run(numbers):
         body = jax.tree.map(lambda x: x.astype(dtype), make(numbers))
-        return ml.integrate(mover(start), body, None, start, dt=dt, steps=2)._replace(states=None)
+        return ml.integrate(MOVER.get(kind, "JACOBI[EA]"), body, None, start, dt=dt, steps=2)._replace(states=None)
 
     path = quick(jax.vmap(run))(numbers)
     wanted = [True] * len(good) + [False] * len(bad)
@@ -159,11 +155,7 @@ DRIVEN = {
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("way", "adjoint"),
-    [
-        ("ensemble", ml.adjoints.Reversible()),
-        ("integrate", ml.adjoints.Checkpointed(every=2)),
-        ("free motion", None),
-    ],
+    [("ensemble", ml.adjoints.Reversible()), ("integrate", ml.adjoints.Checkpointed(every=2)), ("free motion", None)],
 )
 def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(way, adjoint):
     """Of a weight that all share; the body itself is not ok, and holds NaN."""
@@ -192,15 +184,8 @@ def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(w
 
 def bonds(t, state):
     """Twelve bodies in a row, held by bonds that break: the stiffness is 100 at rest, and h has the limit 0.1."""
-    del t
     away = state.position[1:] - state.position[:-1]
     return 100 * jnp.sum(1 - jnp.exp(-0.5 * (jnp.sqrt(jnp.sum(away * away, -1)) - 0.8) ** 2))
-
-
-def springs(t, state):
-    """Held to the origin, without end."""
-    del t
-    return 50 * jnp.sum(state.position**2)
 
 
 def chain(speed=0.3, count=12):
@@ -214,7 +199,7 @@ HEAVY = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0)
 AWAY = ml.FreeState(FREE.momentum, FREE.attitude, FREE.linear, [1.0, 0.0, 0.0])
 DOTS = ml.ParticleState(jnp.array([[0.1, 0.0], [0.0, 0.2]]), jnp.array([[1.0, 0.0], [0.0, 1.0]]))
 BONDED = (ml.torques.FromPotential(bonds), 20.0)
-SPRUNG = (ml.torques.FromPotential(springs), 10.0)
+SPRUNG = (ml.torques.FromPotential(lambda t, state: 50 * jnp.sum(state.position**2)), 10.0)
 # Method, body, torque, the highest frequency, and starts.
 STIFF = {
     "chain": ("JACOBI[EA]", HEAVY, *BONDED, [chain(), chain(1e-7)]),
@@ -224,24 +209,19 @@ STIFF = {
 
 
 def limit_of(kind):
-    """The longest stable step."""
     name, _, _, frequency, _ = STIFF[kind]
     return ml.method(name).stability_limit(1j) / frequency
-
-
-def stiff_run(kind, start, dt, **options):
-    name, body, torque, *_ = STIFF[kind]
-    return ml.integrate(name, body, torque, start, dt=dt, steps=200, **options)
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", STIFF)
 def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
     """Up to 10 times the limit, also where the bodies then fly apart; and no step is found that keeps the energy."""
-    _, body, torque, _, starts = STIFF[kind]
+    name, body, torque, _, starts = STIFF[kind]
     limit = limit_of(kind)
     factors = jnp.array([0.01, 0.3, 0.6, 0.9, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0])
-    run = quick(jax.vmap(lambda start, dt: stiff_run(kind, start, dt, save_every=100), in_axes=(None, 0)))
+    one = partial(ml.integrate, name, body, torque, steps=200, save_every=100)
+    run = quick(jax.vmap(lambda start, dt: one(start, dt=dt), (None, 0)))
     for start in starts:
         path = run(start, limit * factors)
         ok, unstable = (np.asarray(x) for x in (path.ok, path.result == RESULTS.unstable))
@@ -297,11 +277,8 @@ def path(request):
     run = {"dt": 0.1, "steps": 4}
     if request.param == "constant steps":
         return ml.integrate("JACOBI[EA]", BODY, None, START, **run)
-    return ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, density=_density, **run)
-
-
-def _density(t, state):
-    return 1 + state.momentum[2] ** 2
+    density = {"density": lambda t, state: 1 + state.momentum[2] ** 2}
+    return ml.integrate_variable_step("JACOBI[EA]", BODY, None, START, **density, **run)
 
 
 @pytest.mark.parametrize("kind", [ml.Path, ml.simulation.Simulation, ml.plot.Crossings])

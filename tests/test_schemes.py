@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import travel_cases
+import test_travel
 import typed
 from cases import benchmark, quick
 from scipy.integrate import solve_ivp
@@ -129,7 +129,6 @@ def test_force_gradient_of_particles():
     start = ml.ParticleState(jnp.array([0.3, 0.8]), jnp.array([0.7, -0.4]))
 
     def pull(t, state):
-        del t
         bend = jnp.cos(state.position[0] - state.position[1]) / 2
         return -jnp.sin(state.position) - jnp.stack([bend, -bend])
 
@@ -171,7 +170,6 @@ def _refused(primals, tangents):
 
 
 def opaque(t, state):
-    del t
     return without_derivative(ml.so3.to_matrix(state.attitude)[2])
 
 
@@ -190,15 +188,15 @@ SYSTEMS = {
     "attitude": (BODY, TORQUE, START),
     "direction": (BODY, TORQUE, ml.DirectionState(START.momentum, ml.so3.to_matrix(START.attitude)[2])),
     "compensated": (BODY, TORQUE, ml.CompensatedState(START.momentum, START.attitude)),
-    "tensor": (ml.TensorBody(travel_cases.TENSOR), TORQUE, START),
+    "tensor": (ml.TensorBody(test_travel.TENSOR), TORQUE, START),
     "particles": (
         ml.Particles(jnp.array([1.0, 1.7])),
         lambda t, state: -jnp.sin(state.position) - jnp.cos(state.position[::-1]),
         ml.ParticleState(momentum=jnp.array([0.3, 0.8]), position=jnp.array([0.7, -0.4])),
     ),
     **{
-        f"moving, {kind}": (of.body("float64"), travel_cases.forced(1.3), travel_cases.start(kind))
-        for kind, of in travel_cases.KINDS.items()
+        f"moving, {kind}": (of.body("float64"), test_travel.forced(1.3), test_travel.start(kind))
+        for kind, of in test_travel.KINDS.items()
         if kind in ("free", "two")
     },
 }

@@ -56,10 +56,6 @@ def run(name, dtype, count=COUNT, **options):
     return ml.ensemble(name, body(dtype), torque(1.3, dtype), starts(dtype, count), dt=DT, steps=STEPS, **options)
 
 
-def difference(a, b):
-    return max(map(worst, jax.tree.leaves(a), jax.tree.leaves(b)))
-
-
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(WAYS, FEW))
 def test_an_ensemble_with_prepared_inputs_moves_as_each_body_alone(name, dtype):
@@ -73,7 +69,7 @@ def test_an_ensemble_with_prepared_inputs_moves_as_each_body_alone(name, dtype):
     apart = quick(jax.vmap(alone))(starts(dtype))
     assert together.ok.all()
     assert apart.ok.all()
-    assert difference(together.states, apart.states) < 16 * STEPS * epsilon(dtype)
+    assert max(map(worst, *map(jax.tree.leaves, (together.states, apart.states)))) < 16 * STEPS * epsilon(dtype)
 
 
 @pytest.mark.sample(0)

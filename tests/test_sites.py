@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, epsilon, refused, turn
-from travel_cases import start
+from test_travel import start
 
 import midlie_jax as ml
 

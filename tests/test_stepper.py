@@ -50,7 +50,6 @@ WAYS = {
 
 
 def test_every_loop_over_steps_gives_what_integrate_gives():
-    """test_paths.py has the other methods."""
     one, path = stepper(), whole()
     for end in quick(lambda one, carry: [way(one, carry) for way in WAYS.values()])(one, one.init()):
         near(one.state(end), path.states)
@@ -187,21 +186,18 @@ def test_arguments_that_do_not_fit_are_refused():
     one, carry = stepper(), stepper().init()
     for count in (0, -1):  # a number that is traced may be any: no steps are taken
         jax.tree.map(np.testing.assert_array_equal, one.advance(carry, jnp.asarray(count)), carry)
-    with pytest.raises(ValueError, match="torque must have the structure"):
-        one.step(carry, torque=BODY)
-    with pytest.raises(ValueError, match="torque must have the shapes and dtypes"):
-        one.step(carry, torque=top(jnp.float32(3)))
-    with pytest.raises(ValueError, match="start must have the structure"):
-        one.init(ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]))
-    for steps in (0, True, jnp.asarray(2.5), jnp.arange(2)):
-        with pytest.raises(ValueError, match="steps must be a positive"):
-            one.advance(carry, steps)
-    with pytest.raises(ValueError, match="first_step must be left out"):
-        whole(start=carry, first_step=3)
-    with pytest.raises(ValueError, match="Carry of the same method"):
-        whole("RK4", start=carry)
-    with pytest.raises(ValueError, match="dt must be finite and not zero"):
-        stepper(dt=0.0)
+    counts = 0, True, jnp.asarray(2.5), jnp.arange(2)
+    for call, message in (
+        (lambda: one.step(carry, torque=BODY), "torque must have the structure"),
+        (lambda: one.step(carry, torque=top(jnp.float32(3))), "torque must have the shapes and dtypes"),
+        (lambda: one.init(ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])), "start must have the structure"),
+        *((partial(one.advance, carry, steps), "steps must be a positive") for steps in counts),
+        (lambda: whole(start=carry, first_step=3), "first_step must be left out"),
+        (lambda: whole("RK4", start=carry), "Carry of the same method"),
+        (lambda: stepper(dt=0.0), "dt must be finite and not zero"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
 
 
 @pytest.mark.sample(1)

@@ -45,7 +45,6 @@ def statements() -> dict[str, list[ast.Import | ast.ImportFrom]]:
 
 
 def imports_of(name: str, is_package: bool, known: set[str]) -> set[str]:
-    """The modules of the package that a module imports."""
     found = set()
     parents = name.split(".") if is_package or not name else name.split(".")[:-1]
     for node in statements()[name]:
@@ -66,7 +65,6 @@ def imports_of(name: str, is_package: bool, known: set[str]) -> set[str]:
 
 
 def graph() -> dict[str, set[str]]:
-    """For each module those that it imports."""
     files = modules()
     return {name: imports_of(name, path.name == "__init__.py", set(files)) - {name} for name, path in files.items()}
 
@@ -162,7 +160,6 @@ def users_of(package: str) -> set[str]:
 
 
 def printed(code: str) -> str:
-    """What a program prints in a process of its own."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -212,7 +209,6 @@ def parameters(name):
 
 
 def shown(parameter):
-    """A cell of the table."""
     return "required" if parameter.default is parameter.empty else f"`{parameter.default!r}`".replace("'", '"')
 
 

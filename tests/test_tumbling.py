@@ -4,14 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import refused
 
 import midlie_jax as ml
 
 MOMENTS = [0.61, 0.965, 1.0]
 POLE = [-0.3320328728817035, -0.4230418832197608, 0.8430834693954098]
 PERIODS = {"precession_period": 27.374, "rotation_period": 262.2}
-
-
 BODY = ml.RigidBody(MOMENTS)
 
 
@@ -24,10 +23,6 @@ def asked(**more):
 def period(tumble, axis):
     """Of the precession of an axis."""
     return tumble.short_axis_period if axis == "short" else tumble.long_axis_period
-
-
-def near(value, least):
-    return value - np.round(value / least) * least
 
 
 @pytest.mark.sample(0)
@@ -49,7 +44,7 @@ def test_a_start_has_what_was_asked_for(mode, axes):
             assert tumble.effective_rate == pytest.approx(float(effective), rel=1e-13)
         found = ml.asteroids.tumble(body, start).phases
         np.testing.assert_allclose(found[0], phases[0], atol=1e-13)
-        np.testing.assert_allclose(near(found[1] - phases[1], 2 * np.pi), 0, atol=1e-12)
+        np.testing.assert_allclose(np.sin((found[1] - phases[1]) / 2), 0, atol=5e-13)
 
 
 @pytest.mark.sample(0)
@@ -71,22 +66,16 @@ def test_periods_are_those_of_a_free_body():
         assert (angle[-1] - angle[0]) / (2 * np.pi) == pytest.approx(turns, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: asked(mode=None), 'both modes have these periods. Give "short"'),
-        (lambda: asked(axis="c"), 'axis must be "short" or "long"'),
-        (lambda: asked(mode="SAM"), 'mode must be "short", "long" or None'),
-        (lambda: asked(rotation_period=100.0), "rotation_period must be at least 7.56693 in the short-axis mode"),
-        (lambda: asked(phases=0.3), r"phases must be a tuple \(s, phi\)"),
-        (lambda: asked(body=ml.SymmetricRotor(1.0)), "body must be a RigidBody or a TensorBody, got SymmetricRotor"),
-        (lambda: asked(body=ml.RigidBody([0.5, 1.0, 1.0])), "rotation_period must be at least inf"),
-        (lambda: jax.jit(lambda p: asked(mode=None, rotation_period=p))(262.2), "where body or periods are traced"),
-    ],
+test_mistakes_are_named = refused(
+    (lambda: asked(mode=None), 'both modes have these periods. Give "short"'),
+    (lambda: asked(axis="c"), 'axis must be "short" or "long"'),
+    (lambda: asked(mode="SAM"), 'mode must be "short", "long" or None'),
+    (lambda: asked(rotation_period=100.0), "rotation_period must be at least 7.56693 in the short-axis mode"),
+    (lambda: asked(phases=0.3), r"phases must be a tuple \(s, phi\)"),
+    (lambda: asked(body=ml.SymmetricRotor(1.0)), "body must be a RigidBody or a TensorBody, got SymmetricRotor"),
+    (lambda: asked(body=ml.RigidBody([0.5, 1.0, 1.0])), "rotation_period must be at least inf"),
+    (lambda: jax.jit(lambda p: asked(mode=None, rotation_period=p))(262.2), "where body or periods are traced"),
 )
-def test_mistakes_are_named(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
 
 
 @pytest.mark.sample(0)
