@@ -319,6 +319,15 @@ def tumbled(moments, rate, times, attitude=None):
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
+def keys(count, seed=1):
+    return jax.random.split(jax.random.key(seed), count)
+
+
+def still(count, dtype="float64"):
+    """Bodies at rest, level."""
+    return ml.RigidState(jnp.zeros((count, 3), dtype), jnp.tile(jnp.array(LEVEL, dtype), (count, 1)))
+
+
 def epsilon(dtype: str) -> float:
     return float(np.finfo(dtype).eps)
 

@@ -74,15 +74,8 @@ RIGID = ml.RigidBody([2.0, 2.0, 1.0])
 FREE_AXIS = ml.FreeAxisState.of(FREE)
 ROTOR, PULL = ml.SymmetricRotor(2.0), ml.torques.PointMass(3.0)
 FREE_BODY, FREE_ROTOR = ml.FreeBody(RIGID, 3.0), ml.FreeBody(ROTOR, 3.0)
+A_FORCE, A_TUPLE = (lambda t, s: T.Wrench(s.momentum, s.momentum)), (lambda t, s: (s.momentum, s.momentum))
 ACROSS, CONTROL = T.DipoleInField([0.1, 0, 1], [0, 0, 1.0]), ml.spacecraft.PDControl([1.0, 0, 0, 0], 1.0, 1.0)
-
-
-def a_force(t, state):
-    return ml.torques.Wrench(state.momentum, state.momentum)
-
-
-def a_tuple(t, state):
-    return state.momentum, state.momentum
 
 
 def go(name, body, torque, state):
@@ -90,7 +83,7 @@ def go(name, body, torque, state):
 
 
 test_what_does_not_fit_is_refused = refused(
-    (lambda: go("JACOBI[EA]", RIGID, a_force, STAYING), "got Wrench; a force moves a FreeState"),
+    (lambda: go("JACOBI[EA]", RIGID, A_FORCE, STAYING), "got Wrench; a force moves a FreeState"),
     (lambda: go("JACOBI[EA]", RIGID, None, FREE), "belongs to a FreeBody"),
     (lambda: go("JACOBI[EA]", FREE_ROTOR, None, FREE), "belongs to a FreeBody of a RigidBody"),
     (lambda: go("SYMMETRIC[EA]", RIGID, None, AXIS), "belongs to a SymmetricRotor"),
@@ -99,7 +92,7 @@ test_what_does_not_fit_is_refused = refused(
     (lambda: go("SYMMETRIC[EA]", ROTOR, ACROSS, AXIS), "holds only the third axis of the body"),
     (lambda: go("SYMMETRIC[EA]", ROTOR, CONTROL, AXIS), "needs the attitude"),
     (lambda: go("SYMMETRIC[EA]", FREE_ROTOR, PULL, FREE_AXIS), r"write SymmetricRotor\(moment, along\)"),
-    (lambda: go("JACOBI[EA]", FREE_BODY, a_tuple, FREE), "must return a midlie_jax.torques.Wrench"),
+    (lambda: go("JACOBI[EA]", FREE_BODY, A_TUPLE, FREE), "must return a midlie_jax.torques.Wrench"),
     (lambda: ml.FreeBody([1.0, 2, 2], 3.0), r"FreeBody\(RigidBody\(moments\), mass\)"),
     (lambda: ml.FreeBody(RIGID, [1.0, 2.0]), "mass must be"),
     (lambda: ml.SymmetricRotor(1.0, 2.5), "must not exceed twice"),
@@ -111,7 +104,6 @@ test_what_does_not_fit_is_refused = refused(
 
 
 def test_a_sum_is_gravity_if_all_its_terms_are():
-    """Also a sum on each of several bodies; and what is left without gravity is the rest of it."""
     weight, push = T.UniformGravity([0.0, 0.0, -9.81]), ml.spacecraft.Thrust([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     for torque, gravity in ((weight, True), (weight + PULL, True), (weight + push, False), (push + push, False)):
         for kind in (torque, T.OnEach(torque), T.OnEach(torque) + T.OnEach(torque)):

@@ -94,24 +94,15 @@ def numbers(dtype, equal):
             moments[1] = moments[0]
         speed = np.linalg.norm(place.spin)
         speed = speed if speed > 1e-6 else max(place.weight, 1) ** 0.5
-        attitude = turn(place.tilt, 0.0, 0.0)
-        torque = place.scale * place.rate**2 * moments.max()
-        row = (
-            moments * place.scale,
-            moments * place.spin * place.rate * place.scale,
-            attitude,
-            place.weight * torque,
-            place.pulse * torque,
-            place.hole,
-            place.radians / speed / place.rate,
-        )
-        rows.append(row)
+        momentum, attitude = moments * place.spin * place.rate * place.scale, turn(place.tilt, 0.0, 0.0)
+        torques = np.array([place.weight, place.pulse]) * (place.scale * place.rate**2 * moments.max())
+        dt = place.radians / speed / place.rate
+        rows.append((moments * place.scale, momentum, attitude, *torques, place.hole, dt))
     *columns, holes, dt = (np.stack(column) for column in zip(*rows, strict=True))
     return *(np.asarray(x, dtype) for x in columns), holes, np.asarray(dt, dtype)
 
 
 def switched(pulse, hole, begin, t, state):
-    """About the vertical, body frame."""
     size = jnp.where(t * jnp.sign(begin) > jnp.abs(begin), jnp.where(hole, jnp.nan, pulse), 0)
     return size * ml.so3.to_matrix(state.attitude)[2]
 

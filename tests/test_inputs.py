@@ -1,6 +1,7 @@
 """Each kind of bad input: a ValueError whose message names it, or inside jit a flag and never an exception."""
 
 from inspect import unwrap
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -228,7 +229,7 @@ def test_failures_inside_jit_are_flags(name):
 
 def test_a_number_is_no_torque(monkeypatch):
     """Zero alone, with which Python's sum begins."""
-    torque = ml.torques.HeavyTop(1.0)
+    torque: Any = ml.torques.HeavyTop(1.0)
     assert 0 + torque is torque
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     for add, shown in ((lambda: 7 + torque, "7"), (lambda: torque + 0.5, "0.5"), (lambda: sum([torque], 1), "1")):

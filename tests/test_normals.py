@@ -97,7 +97,6 @@ def test_a_step_computes_each_word_once(dtype):
 
 @pytest.mark.sample(0)
 def test_distribution():
-    """By Kolmogorov and Smirnov, and by counts in the tails."""
     members = jnp.arange(MANY // 6, dtype=jnp.int32)
     z = np.asarray(drawn((jnp.uint32(0), jnp.uint32(7)), jnp.int32(11), jnp.int32(1), members)).astype(np.float64)
     assert stats.kstest(z.ravel(), "norm").pvalue > 1e-4

@@ -148,7 +148,6 @@ def test_three_derivatives_in_time_are_those_of_gravity(e):
 
 @pytest.mark.parametrize("e", [0.0, 0.6, 1.0, 2.5])
 def test_elements_say_one_orbit_in_every_way(e):
-    """By any size and any anomaly; and the orbit has these elements."""
     orbit = elements(e)
     frame = Rotation.from_euler("ZXZ", [-1.0, 0.4, 2.0]).as_matrix()
     np.testing.assert_allclose(orbit.position, Q * frame[:, 0], atol=1e-15)
@@ -175,9 +174,8 @@ HYPERBOLA = elements(1.5)
 
 
 def tabled(times=TIMES, velocities=True, orbit=HYPERBOLA):
-    return orbits.TableOrbit(
-        times, positions(orbit, times), positions(orbit.velocity_at, times) if velocities else None
-    )
+    speeds = positions(orbit.velocity_at, times) if velocities else None
+    return orbits.TableOrbit(times, positions(orbit, times), speeds)
 
 
 @pytest.mark.sample(0)
@@ -218,11 +216,8 @@ IN_TABLE = "JACOBI[EA]", BODY, ml.spacecraft.GravityGradient(BODY.moments, table
 def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
     starts = jax.tree.map(lambda x: jnp.stack([x, x]), START)
     message = r"holds a TableOrbit from t = -1 to 2, but the run needs times from -1 to 2.05"
-    for run, start, more in (
-        (ml.integrate, START, {}),
-        (ml.ensemble, starts, {}),
-        (ml.simulate, starts, {"out": tmp_path / "run.npz"}),
-    ):
+    saved = {"out": tmp_path / "run.npz"}
+    for run, start, more in ((ml.integrate, START, {}), (ml.ensemble, starts, {}), (ml.simulate, starts, saved)):
         with pytest.raises(ValueError, match=message):
             run(*IN_TABLE, start, **{**RUN, "steps": 61}, **more)
     with pytest.raises(ValueError, match=r"times from -1\.05 to -1;"):
@@ -241,7 +236,6 @@ def test_a_table_that_is_left_under_jit_is_a_flag():
 
 @pytest.mark.sample(0)
 def test_a_table_of_a_field_is_interpolated_like_one_of_positions():
-    """And a run beyond it is refused."""
     dipole = orbits.DipoleField(HYPERBOLA, [0.3, -0.2, -1.5], 1.0)
     field, between = orbits.TableField(TIMES, positions(dipole, TIMES)), jnp.linspace(-0.99, 1.97, 61)
     assert np.abs(positions(field, between) - positions(dipole, between)).max() < 1e-4
@@ -259,9 +253,7 @@ def test_a_dipole_turns_with_its_planet():
     np.testing.assert_allclose(field(t), frame @ fixed(t), rtol=1e-13)
 
 
-THREE = np.eye(3)
-
-
+THREE, TABLE = np.eye(3), tabled()
 test_mistakes_are_named = refused(
     (lambda: orbits.KeplerOrbit([1.0, 0, 0], [2.0, 0, 0], 1.0), "velocity must not be along the position"),
     (lambda: orbits.KeplerOrbit([1.0, 0, 0], [0.0, 1, 0], -1.0), "mu must be positive and finite"),
@@ -278,10 +270,7 @@ test_mistakes_are_named = refused(
     (lambda: elements(0.5, inclination=97.4), "inclination must be between 0 and pi, got 97.4; give radians"),
     (lambda: elements(0.5, ascending_node=211.2), "ascending_node must be between -2 pi and 2 pi, got 211.2;"),
     (lambda: orbits.KeplerOrbit([7e3, 0, 0], [0, 7.5, 0], 3.986e14), "orbit and mu must be in the same units"),
-    (
-        lambda: orbits.TableOrbit(TIMES, 1e3 * tabled().positions, tabled().velocities),
-        "velocities must be in the units of",
-    ),
+    (lambda: orbits.TableOrbit(TIMES, 1e3 * TABLE.positions, TABLE.velocities), "velocities must be in the units of"),
     (lambda: orbits.TableField([0.0, 1.0], THREE), r"values must have shape \(2, 3\)"),
     (lambda: orbits.TableOrbit([0.0, 1.0, 1.0], THREE), r"times must ascend, but times\[2\] = 1.0 follows 1.0"),
     (lambda: orbits.TableOrbit([0.0, np.nan, 1.0], THREE), "times must be finite"),
@@ -296,8 +285,7 @@ def test_legal_orbits_of_any_speed_pass_the_check_of_units():
     """Far out on a thin ellipse, a fast hyperbola, a place at rest; the inclinations at both ends of their range."""
     for inclination in (0.0, np.pi, np.float32(np.pi)):
         elements(0.5, inclination=inclination)
-    thin = orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 0.02, 0.0], 1.0)
-    fast = orbits.KeplerOrbit([100.0, 0.0, 0.0], [0.0, 30.0, 0.0], 1.0)
+    thin, fast = (orbits.KeplerOrbit([r, 0.0, 0.0], [0.0, v, 0.0], 1.0) for r, v in ((1.0, 0.02), (100.0, 30.0)))
     still = orbits.TableOrbit([0.0, 1.0], [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     orbits.KeplerOrbit([1e3, 0.0, 0.0], [0.0, 5e3, 0.0], 4.9)  # past an asteroid, in SI units
     for orbit in (thin, fast, still, lambda t: jnp.array([1.0, 0.0, 0.0])):

@@ -12,9 +12,7 @@ from midlie_jax.integrators import schemes
 
 DIGITS = 60
 TABLES = [name for name, s in schemes.SCHEMES.items() if not s.gradients and not s.random]
-PRECISE = {
-    **{name: (flights.split(), kicks.split()) for name, (flights, kicks) in schemes.ORDER_8.items()},
-}
+PRECISE = {name: (flights.split(), kicks.split()) for name, (flights, kicks) in schemes.ORDER_8.items()}
 
 
 @cache
@@ -75,11 +73,8 @@ def defects(stages, order):
 
 def stages_of(flights, kicks):
     """The palindrome of these flights and kicks, of which the last kick stands in the middle."""
-    half = [
-        (kind, Decimal(x))
-        for pair in zip(flights, kicks, strict=True)
-        for kind, x in zip((schemes.FLIGHT, schemes.KICK), pair, strict=True)
-    ]
+    pairs = zip(flights, kicks, strict=True)
+    half = [stage for a, b in pairs for stage in ((schemes.FLIGHT, Decimal(a)), (schemes.KICK, Decimal(b)))]
     return (*half, *reversed(half[:-1]))
 
 

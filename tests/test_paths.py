@@ -416,6 +416,7 @@ SMOOTH = [
     *("state free, JACOBI[EA]", "method PGBS12", "torque MutualGravity, many", "state axis, SYMMETRIC[EA]"),
     *("torque GravityGradient, table", "method LIEMID[I]", "torque Sunlight", "state compensated, JACOBI[EA]"),
     *("state lattice, SUBLATTICES[EA]", "state free axis, SYMMETRIC[SRKN6b]", in_bath("tensor(t)"), in_bath("sum")),
+    *("method spherical midpoint", "torque PairForces", "bath field, BROWNIAN"),
 ]
 
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -43,11 +44,7 @@ def draws(distribution, dtype):
     return jax.tree.map(np.asarray, ml.scatter(KEY, MANY, dtype=dtype, x=distribution)["x"])
 
 
-def assert_same_bits(found, expected):
-    assert jax.tree.structure(found) == jax.tree.structure(expected)
-    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
-        assert x.dtype == y.dtype
-        np.testing.assert_array_equal(x, y, strict=True)
+same_bits = partial(jax.tree.map, partial(np.testing.assert_array_equal, strict=True))  # and dtypes
 
 
 @pytest.mark.sample(0)
@@ -63,9 +60,9 @@ def test_a_body_is_the_same_in_any_company(dtype):
     for group in groups:
         rows = np.asarray(group, int)
         some = ml.scatter(KEY, group, dtype=dtype, **EVERY)
-        assert_same_bits(jax.tree.map(np.asarray, some), jax.tree.map(lambda x, rows=rows: x[rows], whole))
+        same_bits(jax.tree.map(np.asarray, some), jax.tree.map(lambda x, rows=rows: x[rows], whole))
     alone = ml.scatter(KEY, 300, dtype=dtype, pointed=EVERY["pointed"])  # without other quantities
-    assert_same_bits(jax.tree.map(np.asarray, alone), {"pointed": whole["pointed"][:300]})
+    same_bits(jax.tree.map(np.asarray, alone), {"pointed": whole["pointed"][:300]})
 
 
 PROGRAM = """
@@ -82,22 +79,14 @@ print(jax.device_count(), hashlib.sha256(bits).hexdigest())
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("arguments", [("float64", "pointed"), *whole((("float64",),), (("float32",),))], ids=" ".join)
 def test_processes_with_other_devices_draw_the_same(arguments):
-    """With the compiler as users have it, which without the `split` in the `draw` of this one rounded differently.
-
-    Python's hash of a name is another in each process, and must not matter.
-    """
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, *arguments],
-            env=os.environ | {"XLA_FLAGS": f"--xla_force_host_platform_device_count={n}", "PYTHONHASHSEED": str(n)},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for n in (1, 3)
-    ]
-    said = [process.communicate()[0].split() for process in running]
-    assert [words[0] for words in said] == ["1", "3"]
-    assert said[0][1] == said[1][1]
+    """With the compiler as users have it; Python's hash of a name, which differs as well, must not matter."""
+    said = []
+    for n in ("1", "3"):
+        flags = {"XLA_FLAGS": f"--xla_force_host_platform_device_count={n}", "PYTHONHASHSEED": n}
+        command = [sys.executable, "-c", PROGRAM, *arguments]
+        done = subprocess.run(command, env=os.environ | flags, stdout=subprocess.PIPE, text=True, check=True)
+        said.append(done.stdout.split())
+        assert said[-1] == [n, said[0][1]]
 
 
 def test_dtype_follows_x64():
@@ -109,7 +98,6 @@ def test_dtype_follows_x64():
 
 
 def assert_moments(found, mean, covariance):
-    """Mean and covariance of normal draws, within `SIGMAS` standard errors of each entry."""
     spread = np.diag(covariance)
     rounding = 1e-5 * spread.max()  # of float32, where nothing is scattered
     assert np.all(np.abs(found.mean(0) - mean) <= SIGMAS * np.sqrt(spread / MANY) + rounding)

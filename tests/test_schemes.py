@@ -92,6 +92,7 @@ K, F = schemes.KICK, schemes.FLIGHT
         ({"displaced": True, "gradients": (0.0, 0.0)}, "no gradients to replace by a displaced torque"),
         ({"order": 0}, "order must be a positive integer"),
         ({"name": "a]"}, "name must be text without brackets"),
+        ({"name": np.array(0.1)}, "name must be text without brackets"),
     ],
 )
 def test_a_table_that_cannot_be_right_is_refused(options, message):

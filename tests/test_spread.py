@@ -71,11 +71,8 @@ def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers():
         return ml.ensemble("SYMMETRIC[EA]", body, torque, start, observe=observe, chunk=7, **RUN).states
 
     seen, mean = run(values), run(ml.observe.Mean(values))
-    for name, edges in {
-        "sign": [0.25, 0.75, 1.0],
-        "tenths": np.arange(-9.5, 9.0, 0.5),
-        "large": [0.1, 2.0**31],
-    }.items():
+    bins = {"sign": [0.25, 0.75, 1.0], "tenths": np.arange(-9.5, 9.0, 0.5), "large": [0.1, 2.0**31]}
+    for name, edges in bins.items():
         counts = run(ml.observe.Histogram(lambda t, state, name=name: values(t, state)[name], edges))
         numbers = np.asarray(seen[name], np.float64)
         np.testing.assert_array_equal(counts, [np.histogram(column, edges)[0] for column in numbers.T], err_msg=name)
@@ -92,6 +89,7 @@ def test_a_value_that_is_no_number_is_in_no_bin():
     np.testing.assert_array_equal(histogram.part(values, counted), [3, 2])
 
 
+NO_AXES, NO_BINS = ((0.0, 0.0, 0.0), (np.nan, 0.0, 1.0)), ([1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]])
 test_what_cannot_be_observed_is_named = refused(
     (lambda: ensemble(observe=3), "observe must be a function of .t, state."),
     (lambda: ensemble(observe={}), "observe must be a function"),
@@ -99,12 +97,6 @@ test_what_cannot_be_observed_is_named = refused(
     (lambda: ensemble(observe=lambda t, state: None), "observe must return an array"),
     (lambda: ensemble(observe=ml.observe.Mean(lambda t, s: {"z": jax.lax.complex(t, t)})), r"must be real.*\['z'\]"),
     (lambda: ensemble(observe=ml.observe.Mean(momentum), t0=jnp.zeros(BODIES)), "give one dt and one t0 for all"),
-    *(
-        (partial(ml.observe.Axis, axis), "axis must be three finite numbers, not all zero")
-        for axis in ((0.0, 0.0, 0.0), (np.nan, 0.0, 1.0))
-    ),
-    *(
-        (partial(ml.observe.Histogram, momentum, edges), "edges must be at least two increasing numbers")
-        for edges in ([1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]])
-    ),
+    *((partial(ml.observe.Axis, axis), "axis must be three finite numbers, not all zero") for axis in NO_AXES),
+    *((partial(ml.observe.Histogram, momentum, x), "edges must be at least two increasing numbers") for x in NO_BINS),
 )
