@@ -16,6 +16,7 @@ runs have a relative tolerance of 1e-9, and both optimisers stop at 1e-8. Both m
 """
 
 import math
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -24,8 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import one_core  # noqa: F401
-import photometry_scene
-from harness import Table, in_turn, link, main, part, put, save, shown
+from harness import ROOT, Table, in_turn, link, main, part, put, save, shown
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
@@ -373,7 +373,7 @@ def many(options):
 
 # ---- a search over ranges: starts per second, on one core without compilation ----
 #
-# The scene is the one of photometry_scene.py, made by NumPy and SciPy alone: eight nights and sparse values, nine
+# The scene is the one of tests/photometry_scene.py, made by NumPy and SciPy alone: eight nights and sparse values, nine
 # zero points, 2 % noise, 3 % outliers. 19 numbers are unknown, and ranges are 30 %. A published search of this kind
 # took 3.2 h for 1e5 starts of nine unknowns.
 
@@ -402,6 +402,9 @@ def light(values, sun, observer):
 
 
 def searches():
+    sys.path.insert(0, str(ROOT / "tests"))
+    import photometry_scene
+
     for seed in SEEDS:
         scene = photometry_scene.scene(seed)
         given = {name: scene[name] for name in ("sun", "observer", "night", "light_time")}

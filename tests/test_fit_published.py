@@ -6,6 +6,7 @@ from functools import cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+import photometry_scene
 import pytest
 from cases import benchmark, quick
 from scipy.integrate import solve_ivp
@@ -133,3 +134,18 @@ def test_a_throw_with_a_wheel_has_an_absolute_inertia():
     truth, (low, high) = [*THROWN[np.triu_indices(3)], 2.0, 1.5, 3.0], result.intervals.T
     assert np.all((low < truth) & (truth < high))
     assert np.all((high - low)[[0, 3, 5]] < 0.005 * np.diag(THROWN))
+
+
+def test_a_light_curve_is_that_of_numpy_and_scipy():
+    """Of a tumbling ellipsoid, from its 20,000 facets; up to one constant, and without the noise."""
+    t = np.linspace(1.0, 60.0, 40)
+    sun, observer = photometry_scene.directions(t)
+    start = ml.RigidState(photometry_scene.MOMENTUM, photometry_scene.ATTITUDE)
+    path = ml.free_motion(ml.RigidBody(photometry_scene.MOMENTS), start, t)
+
+    def magnitude(state, sun, observer):
+        light = ml.asteroids.EllipsoidBrightness(photometry_scene.SEMI_AXES, sun, observer, magnitude=True)
+        return light(0.0, state)
+
+    offset = jax.vmap(magnitude)(path.states, sun, observer) - photometry_scene.magnitudes(t, sun, observer)
+    np.testing.assert_allclose(offset, offset.mean(), rtol=0, atol=3e-5)
