@@ -272,6 +272,8 @@ def test_the_potential_is_that_of_the_page():
     turn = ml.so3.log(ml.so3.multiply(ml.so3.conjugate(before), state.attitude[1:]))
     middle = ml.so3.multiply(before, ml.so3.exp(turn / 2))
     way = ml.so3.rotate(ml.so3.conjugate(middle), jnp.diff(state.position, axis=0) / length)
+    assert rod.strain is not None
+    assert rod.curvature is not None
     strain, curvature = way - jnp.array([[0.0, 0.0, 1.0]]) - rod.strain, turn / length - rod.curvature
     total = jnp.sum(length / 2 * (rod.stretch * strain**2 + rod.bend * curvature**2))
     found = ml.observe.energy(body, rod, state) - ml.observe.kinetic_energy(body, state)

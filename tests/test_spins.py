@@ -118,7 +118,7 @@ def test_which_methods_are_symplectic(name):
 
     def basis(spin):
         frames = np.linalg.svd(np.asarray(spin)[..., None])[0]  # the first column is along the spin
-        return block_diag(*frames[:, :, 1:]).reshape(3, 3, 6)
+        return np.asarray(block_diag(*frames[:, :, 1:])).reshape(3, 3, 6)
 
     def area(spin, vectors):
         crossed = np.cross(vectors[:, :, :, None], vectors[:, :, None, :], axis=1)
