@@ -8,6 +8,7 @@ from functools import cache
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 import test_travel
@@ -95,7 +96,8 @@ K, F = schemes.KICK, schemes.FLIGHT
         ({"name": np.array(0.1)}, "name must be text without brackets"),
     ],
 )
-def test_a_table_that_cannot_be_right_is_refused(options, message):
+def test_a_table_that_cannot_be_right_is_refused(options, message, monkeypatch):
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     given = {"name": "made up", "order": 2, "stages": ((K, 0.5), (F, 1.0), (K, 0.5))} | options
     with pytest.raises(ValueError, match="scheme .*" + message):
         schemes.Scheme(**given)
