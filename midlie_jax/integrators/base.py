@@ -152,7 +152,7 @@ class Method(eqx.Module):
 
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[*Stepped, Any]:
+    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
         """`step`, and the part of its result that `step_again` can reuse for the opposite direction, or None."""
         return *self.step(system, t0, t1, h, motion, force), None
 

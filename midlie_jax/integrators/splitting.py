@@ -106,7 +106,7 @@ class Splitting(Method):
 
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
-    ) -> tuple[*Stepped, Any]:
+    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
         used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops_for(system)
         flown: list[Known] | None = [] if used else None
         return *self._step(system, t0, t1, h, motion, force, flown=flown), flown
