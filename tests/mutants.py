@@ -69,7 +69,7 @@ MUTANTS = {
         "spread paths -k statistics",
     ),
     "interpolation": ("diffrax/dense.py", "return s * s * («3 - 2 *→2 -» s),", "dense_output"),
-    "degrees of freedom": ("fitting/estimate.py", "dof = count« - vector.size→»", "fit_calls"),
+    "degrees of freedom": ("fitting/solve.py", "dof = count« - vector.size→»", "fit_calls"),
     "scattered rotations": (
         *("scattering/distributions.py", "return normal / «jnp.sqrt(square)→square».reshape(1)"),
         "scatter",
