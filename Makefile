@@ -3,7 +3,7 @@
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               a fixed set of the tests, for two cores: all but what is marked `sample`, and the files
 #                           that tests/conftest.py leaves to make test-rest
-#   make test-rest          what make test leaves out: half an hour; MINUTES=20 skips what would begin later; BEGIN=7 begins
+#   make test-rest          what make test leaves out: half an hour; MINUTES=10 skips what would begin later; BEGIN=7 begins
 #                           with another third of the files
 #   make test-all           both: all laws for one method of each kind
 #   make test-full          every law for every method, dtype and driver: hours
