@@ -228,12 +228,12 @@ Columns = dict[tuple[int, ...], Any]  # results of one operation in several call
 def perform(operations: Sequence[Operation], values: dict[int, Any]) -> Columns:
     """Performs operations, each after those whose results it reads, and adds their results to the values."""
     columns: Columns = {}
-    for alike in _in_order(operations):
-        with context_of(alike[0].equation):
-            if len(alike) > 1 and _are_of_numbers(alike, values):
-                _perform_together(alike, values, columns)
+    for group in _in_order(operations):
+        with context_of(group[0].equation):
+            if len(group) > 1 and _are_of_numbers(group, values):
+                _perform_together(group, values, columns)
                 continue
-            for equation, inputs, outputs in alike:
+            for equation, inputs, outputs in group:
                 values.update(zip(outputs, bind(equation, [values[i] for i in inputs]), strict=True))
     return columns
 

@@ -176,8 +176,8 @@ class Rounding(NamedTuple):
         compensated = self.compensated if compensated is None else compensated
         unit = self.changes if compensated else np.ones_like(self.changes)
         least = np.finfo(float).tiny
-        alike = np.clip(self.eps * unit / np.maximum(self.variations, least), 1, steps)
-        errors = np.minimum(self.changes, self.eps / 2 * unit) * np.sqrt(steps * alike)
+        correlated = np.clip(self.eps * unit / np.maximum(self.variations, least), 1, steps)
+        errors = np.minimum(self.changes, self.eps / 2 * unit) * np.sqrt(steps * correlated)
         return float(np.max(np.sqrt(np.sum(np.square(errors), axis=0))))
 
     def loses(self, steps: int) -> bool:

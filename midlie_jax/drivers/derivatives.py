@@ -13,11 +13,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.custom_derivatives import SymbolicZero
 
 from .._checks.arguments import as_count, described
 from .._xla import budgets
-from .._xla.internals import Tracer, is_zero_tangent, make_primitive
+from .._xla.internals import Tracer, is_zero_tangent, make_primitive, with_zeros
 from .._xla.keep import recomputed
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.rules import fits
@@ -290,8 +289,7 @@ def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any
         cotangent, change = pullback(cotangent)
         return (before, cotangent, jax.tree.map(jnp.add, total, change)), None
 
-    received = jax.tree.map(lambda x, c: jnp.zeros_like(x) if isinstance(c, SymbolicZero) else c, end, cotangent)
-    begin = numbers, eqx.filter(received, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, wanted)
+    begin = numbers, eqx.filter(with_zeros(cotangent, end), eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, wanted)
     (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True, unroll=unroll)
     return before, None, (None, None, total)  # None means zero, also where `before` and `total` have None
 

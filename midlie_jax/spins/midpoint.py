@@ -35,9 +35,6 @@ class MidpointOnSphere(Method):
     def solves(self) -> int:
         return 1
 
-    def keeps_force(self, system: System) -> bool:
-        return False
-
     @abstractmethod
     def moved(self, spin: cp.Vector, middle: cp.Vector, change: cp.Vector) -> cp.Vector:
         """The spins after the step, from those before it, the middle and h S' there."""
